@@ -1,0 +1,1 @@
+"""Watching: tick records -> Rerun (live and .rrd) and Foxglove channels for the MCAP."""

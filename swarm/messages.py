@@ -1,0 +1,419 @@
+"""Who says what to whom: every message of the swarm, then the one table of topics.
+
+    world --frame--> robot --command--> world        every tick, nothing may be lost
+    world --event, status--> whoever watches         when it happens; twice a second
+    robot ?scenario world    anyone ?control world    world ?process supervisor
+
+A key is written nowhere else. On the wire a message is msgpack: structs as arrays, numeric arrays
+as raw little-endian bytes with dtype and shape. Every message carries its tick and `stamp_ns`
+(simulation time) and the names of those it concerns, so nobody parses keys.
+"""
+
+from __future__ import annotations
+
+import re
+from math import isfinite, prod
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from swarm import errors
+from swarm.geometry import Pose, Ranges, Twist, Vec2
+
+Name = Annotated[str, msgspec.Meta(pattern="^[a-z][a-z0-9_-]{0,31}$")]
+RunId = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9][A-Za-z0-9_-]{0,95}$")]
+Tick = Annotated[int, msgspec.Meta(ge=0, le=2**40)]
+Stamp = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
+
+Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
+
+
+# --- pieces -------------------------------------------------------------------------------------
+
+
+class Array(msgspec.Struct, frozen=True, array_like=True):
+    """A numeric array as raw little-endian bytes; raises ValueError when the size does not fit."""
+
+    dtype: Literal["<f4", "<f8", "<i4"]
+    shape: tuple[int, ...]
+    data: bytes
+
+    def __post_init__(self) -> None:
+        expected = prod(self.shape) * (8 if self.dtype == "<f8" else 4)
+        if len(self.data) != expected or any(side < 0 for side in self.shape):
+            raise ValueError(
+                f"expected {expected} bytes for shape {self.shape} of {self.dtype}, "
+                f"got {len(self.data)}"
+            )
+
+    def numpy(self) -> npt.NDArray[Any]:
+        """Read-only view of the bytes."""
+        return np.frombuffer(self.data, dtype=self.dtype).reshape(self.shape)
+
+
+def array(values: npt.NDArray[Any]) -> Array:
+    """Wire form of a float32, float64 or int32 array."""
+    little = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+    return Array(little.dtype.str, little.shape, little.tobytes())  # type: ignore[arg-type]
+
+
+class Wheels(msgspec.Struct, frozen=True, array_like=True):
+    """Rim speeds of the two wheels, the (v_r, v_l) of eq. 1 and 2."""
+
+    right_mps: float
+    left_mps: float
+
+    def __post_init__(self) -> None:
+        if not isfinite(self.right_mps + self.left_mps):
+            raise ValueError("expected finite wheel speeds")
+
+
+class Slot(msgspec.Struct, frozen=True, array_like=True):
+    """Place in a formation, eq. 39: behind the leader at `bearing_rad`, positive to its right."""
+
+    distance_m: float
+    bearing_rad: float
+
+    def __post_init__(self) -> None:
+        if not isfinite(self.distance_m + self.bearing_rad):
+            raise ValueError("expected a finite slot")
+
+
+class Leadership(msgspec.Struct, frozen=True, array_like=True):
+    """A claim to lead: higher term first, then the better (smaller) priority key, then the name."""
+
+    term: int
+    key: tuple[int, int, int, int]
+    name: Name
+
+
+class Beacon(msgspec.Struct, frozen=True, array_like=True):
+    """What a robot tells its peers about itself; the only thing they ever know of it.
+
+    `priority` is the claim of eq. 65 and 66 in rounded integers, smaller passes first. The
+    formation heading theta_F and its rate are those of a leader, zero otherwise.
+    """
+
+    name: Name
+    tick: Tick
+    incarnation: Annotated[int, msgspec.Meta(ge=0, le=2**31)]
+    pose: Pose
+    twist: Twist
+    body_radius_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
+    speed_mps_max: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
+    mode: Mode
+    arrived: bool
+    priority: tuple[int, int, int, int]
+    slot: Slot | None = None
+    bearing_now_rad: float = 0.0  # alpha_now, the slot's bearing after the bearing switch
+    leadership: Leadership | None = None  # the highest this robot knows; its own when it leads
+    goal: Vec2 | None = None
+    via: tuple[Vec2, ...] = ()  # way-points still ahead, before the goal
+    formation_heading_rad: float = 0.0
+    formation_turn_rate_radps: float = 0.0
+    yields_to: Name | None = None
+
+    def __post_init__(self) -> None:
+        total = self.bearing_now_rad + self.formation_heading_rad + self.formation_turn_rate_radps
+        for point in self.via if self.goal is None else (self.goal, *self.via):
+            total += point[0] + point[1]
+        if not isfinite(total):
+            raise ValueError("expected finite numbers in a beacon")
+
+
+class Arc(msgspec.Struct, frozen=True, array_like=True):
+    """One virtual circle of the MSAM (eq. 19 to 21): a run of occupied cells, body frame."""
+
+    bearing_rad: float
+    range_m: float  # r_o, inner edge of the nearest cell
+    width_rad: float
+    weight: float
+
+
+class Forces(msgspec.Struct, frozen=True, array_like=True):
+    """The terms of eq. 38, world frame."""
+
+    attractive: Vec2 = (0.0, 0.0)
+    repulsive: Vec2 = (0.0, 0.0)
+    rotating: Vec2 = (0.0, 0.0)
+    robots: Vec2 = (0.0, 0.0)
+    resultant: Vec2 = (0.0, 0.0)
+
+
+class Trace(msgspec.Struct, frozen=True, array_like=True):
+    """Why a robot did what it did: what it saw, what it added up, what held it back."""
+
+    sectors: Array  # (sectors,) float32 m, body frame, inf where free: the MSAM after quantising
+    arcs: tuple[Arc, ...] = ()
+    forces: Forces = Forces()
+    waypoint: Vec2 | None = None  # world frame, what it steered for
+    gains: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    error: tuple[float, float] = (0.0, 0.0)  # e of eq. 47: m, rad
+    speed_limit_mps: float = 0.0  # what braking guard and peer guard allowed
+    limited_by: str = ""  # "" | "brake" | the peer's name
+
+    def __post_init__(self) -> None:
+        total = self.speed_limit_mps + sum(self.gains) + self.error[0] + self.error[1]
+        for vector in msgspec.structs.astuple(self.forces):
+            total += vector[0] + vector[1]
+        for arc in self.arcs:
+            total += arc.bearing_rad + arc.range_m + arc.width_rad + arc.weight
+        if self.waypoint is not None:
+            total += self.waypoint[0] + self.waypoint[1]
+        if not isfinite(total):
+            raise ValueError("expected finite numbers in a trace")
+
+
+# --- what travels -------------------------------------------------------------------------------
+
+
+class SensorFrame(msgspec.Struct, frozen=True, array_like=True):
+    """All that one robot senses and hears at one tick."""
+
+    robot: Name
+    tick: Tick
+    stamp_ns: Stamp
+    pose: Pose
+    twist: Twist
+    wheels: Wheels
+    contact: bool
+    ranges: Array  # (beams,) float32 m; beam k looks to geometry.sector_centres(beams)[k]; inf: miss
+    beacons: tuple[Beacon, ...] = ()  # those audible, normally of the tick before
+
+    def __post_init__(self) -> None:
+        if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:
+            raise ValueError(f"expected ranges as (beams,) of <f4, got {self.ranges.dtype}")
+        if not (self.ranges.numpy() >= 0.0).all():
+            raise ValueError("expected ranges that are numbers >= 0")
+
+    def ranges_m(self) -> Ranges:
+        """(beams,) float32, read-only."""
+        return self.ranges.numpy()
+
+
+class Command(msgspec.Struct, frozen=True, array_like=True):
+    """A robot's answer to the frame of the same tick."""
+
+    robot: Name
+    tick: Tick
+    stamp_ns: Stamp
+    set_point: Twist
+    beacon: Beacon
+    trace: Trace
+
+
+EventKind = Literal[
+    "start",
+    "robot-started",
+    "robot-missing",
+    "robot-lost",
+    "robot-hung",
+    "robot-returned",
+    "fault",
+    "collision",
+    "message-rejected",
+    "recording",
+    "end",
+]
+
+
+class Event(msgspec.Struct, frozen=True, array_like=True):
+    """Something worth telling a person, and replay."""
+
+    tick: Tick
+    stamp_ns: Stamp
+    kind: EventKind
+    robot: Name | None = None
+    text: str = ""
+    incarnation: int = 0
+
+
+class RobotStatus(msgspec.Struct, frozen=True):
+    """One row of `swarm status`."""
+
+    name: Name
+    state: Literal["starting", "running", "lost", "hung", "killed", "collided", "missing"]
+    mode: str
+    leader: str
+    arrived: bool
+    heard: int
+    late_commands: int
+    error_m: float | None
+
+
+class Status(msgspec.Struct, frozen=True):
+    """The world's own account of the run."""
+
+    run: RunId
+    scenario: str
+    tick: Tick
+    stamp_ns: Stamp
+    clock: Literal["lockstep", "realtime"]
+    state: Literal["starting", "running", "ended"]
+    duration_s: float  # simulation time at which the run times out
+    real_time_factor: float
+    robots: tuple[RobotStatus, ...]
+    rejected_messages: int = 0
+
+
+class ScenarioRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A robot asks for what it needs to know."""
+
+    robot: Name
+
+
+class ControlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The command line asks something of the world."""
+
+    action: Literal["status", "stop"]
+
+
+class ProcessRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The world asks the supervisor to do something to a robot's process, exactly now."""
+
+    robot: Name
+    action: Literal["kill"]
+
+
+class Reply(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What every query returns; `body` is the msgpack of what was asked for."""
+
+    ok: bool
+    text: str = ""
+    body: bytes = b""
+
+
+# --- what the recording keeps -------------------------------------------------------------------
+
+
+class RobotRecord(msgspec.Struct, frozen=True, array_like=True):
+    """The truth about one robot at one tick, with the set-point its command asked for."""
+
+    alive: bool
+    contact: bool
+    pose: Pose
+    twist: Twist
+    applied: Twist  # the set-point of this tick's command, zero when there is none in force
+    beacon: Beacon | None  # newest it published, this tick's included; None before its first
+    obstacle_clearance_m: float  # body surface to the nearest obstacle's; inf without obstacles
+
+
+class FrameRecord(msgspec.Struct, frozen=True, array_like=True):
+    """A SensorFrame whose beacons are named by (robot's row, tick) instead of repeated."""
+
+    row: int
+    pose: Pose
+    twist: Twist
+    wheels: Wheels
+    contact: bool
+    ranges: Array
+    heard: Array  # (beacons, 2) int32: row of the speaker, tick of its beacon
+
+
+class TickRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One whole tick, lossless: what was so, what was sensed, what was answered, what happened.
+
+    Order within tick k: integrate, contacts, faults due, raycast, frames(k), commands(k).
+    `commands` are those that arrived in this tick; each names the frame it answers.
+    """
+
+    tick: Tick
+    stamp_ns: Stamp
+    robots: tuple[RobotRecord, ...]  # in scenario order
+    frames: tuple[FrameRecord, ...]  # of the live robots
+    commands: tuple[Command, ...]
+    events: tuple[Event, ...] = ()
+
+
+# --- the table ----------------------------------------------------------------------------------
+
+
+class Topic(msgspec.Struct, frozen=True):
+    """A stream of messages of one type."""
+
+    name: str
+    key: str  # {run} and {robot} are filled in
+    type: Any
+    sender: Literal["world", "robot"]
+    delivery: Literal["block", "drop"]  # block: never lost, may wait; drop: never waits, may lose
+    size_max: int  # bytes
+    rate_hz: float | None = None  # None: once a tick, or when it happens
+    recorded: bool = False  # counted by the recording as expected / received / written
+
+
+class Query(msgspec.Struct, frozen=True):
+    """A question with exactly one answer."""
+
+    name: str
+    key: str
+    type: Any
+    answered_by: Literal["world", "supervisor"]
+    size_max: int = 4096
+
+
+FRAME = Topic(
+    "frame", "swarm/{run}/robot/{robot}/frame", SensorFrame, "world", "block", 262_144, None, True
+)
+COMMAND = Topic(
+    "command", "swarm/{run}/robot/{robot}/command", Command, "robot", "block", 65_536, None, True
+)
+EVENT = Topic("event", "swarm/{run}/event", Event, "world", "drop", 4096, None, True)
+STATUS = Topic("status", "swarm/{run}/status", Status, "world", "drop", 262_144, 2.0)
+TOPICS = {topic.name: topic for topic in (FRAME, COMMAND, EVENT, STATUS)}
+
+SCENARIO = Query("scenario", "swarm/{run}/scenario", ScenarioRequest, "world")
+CONTROL = Query("control", "swarm/{run}/control", ControlRequest, "world")
+PROCESS = Query("process", "swarm/{run}/process", ProcessRequest, "supervisor")
+QUERIES = {query.name: query for query in (SCENARIO, CONTROL, PROCESS)}
+
+Role = Literal["world", "robot", "supervisor"]
+ALIVE_KEY = "swarm/{run}/alive/{role}/{name}"
+_ALIVE = re.compile(r"^swarm/[^/]+/alive/(world|robot|supervisor)/([^/]+)$")
+
+_encoder = msgspec.msgpack.Encoder()
+_rows: list[Topic | Query] = [*TOPICS.values(), *QUERIES.values()]
+_decoders = {row.name: msgspec.msgpack.Decoder(row.type) for row in _rows}
+_reply_decoder = msgspec.msgpack.Decoder(Reply)
+
+
+def key(row: Topic | Query, run: str, robot: str = "*") -> str:
+    """Key of a topic or query; `robot` is `*` for all of them."""
+    return row.key.format(run=run, robot=robot)
+
+
+def alive_key(run: str, role: str = "*", name: str = "*") -> str:
+    """Key of a liveliness token."""
+    return ALIVE_KEY.format(run=run, role=role, name=name)
+
+
+def parse_alive_key(text: str) -> tuple[str, str] | None:
+    """(role, name) of a liveliness key, None when it is not one."""
+    match = _ALIVE.match(text)
+    return None if match is None else (match[1], match[2])
+
+
+def encode(message: msgspec.Struct) -> bytes:
+    """msgpack of any message."""
+    return _encoder.encode(message)
+
+
+def decode(row: Topic | Query, payload: bytes) -> Any:
+    """Message of a topic or query; raises MessageError for anything that is not exactly one."""
+    if len(payload) > row.size_max:
+        raise errors.MessageError(
+            f"{row.name}: expected at most {row.size_max} bytes, got {len(payload)}"
+        )
+    try:
+        return _decoders[row.name].decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise errors.MessageError(f"{row.name}: {error}") from error
+
+
+def decode_reply(payload: bytes) -> Reply:
+    """Answer to a query; raises MessageError."""
+    try:
+        return _reply_decoder.decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise errors.MessageError(f"reply: {error}") from error

@@ -1,0 +1,545 @@
+"""A scenario: every tunable of a run with its unit and bound, decoded strictly from TOML.
+
+    bytes --decode--> Scenario --setup(name)--> RobotSetup     what one robot may know
+                          \\--> world.scene, world.simulation   what is so
+
+`decode` is pure; reading files is the business of shells. Unknown keys, missing keys and values
+out of range raise ScenarioError with the file, the path, what was expected and what was found.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from math import atan2, pi
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from swarm import errors, geometry
+from swarm.geometry import Vec2
+from swarm.messages import Name, Slot
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+Coordinate = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Point = tuple[Coordinate, Coordinate]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+ROBOTS_MAX = 500
+
+T = TypeVar("T")
+
+
+class _Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Anything people write: immutable, by keyword, without unknown keys."""
+
+
+class RobotParameters(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Body, limits and mind of a robot; `[robot]` gives defaults, a `[[robots]]` row its own."""
+
+    body_radius_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.22  # circumscribes the wheels
+    half_track_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.17  # b of eq. 2
+    wheel_radius_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.12
+    speed_mps_max: Annotated[float, Meta(gt=0.0, le=20.0)] = 1.0  # also of each wheel rim
+    speed_mps_reverse_max: Annotated[float, Meta(ge=0.0, le=20.0)] = 0.4
+    cruise_speed_mps: Annotated[float, Meta(gt=0.0, le=20.0)] = 0.6  # of a formation's leader
+    turn_rate_radps_max: Annotated[float, Meta(gt=0.0, le=50.0)] = 2.5
+    acceleration_mps2_max: Annotated[float, Meta(gt=0.0, le=100.0)] = 4.0
+    turn_acceleration_radps2_max: Annotated[float, Meta(gt=0.0, le=500.0)] = 12.0
+    goal_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.1
+    via_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.5
+    controller: Literal["extended", "paper"] = "extended"
+
+
+class Robot(RobotParameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One `[[robots]]` row; its number is the id of eq. 65."""
+
+    name: Name
+    start: tuple[Coordinate, Coordinate, Coordinate]  # x_m, y_m, yaw_rad
+    goal: Point | None = None
+    via: tuple[Point, ...] = ()
+
+
+class Line(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """robot1..robotN along y, instead of `[[robots]]`; `--robots N` sets the count."""
+
+    count: Annotated[int, Meta(ge=1, le=ROBOTS_MAX)]
+    spacing_m: Positive = 1.5
+
+
+class Obstacle(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A circle (x_m, y_m, radius_m) or a simple polygon (corners in order): exactly one of them."""
+
+    circle: tuple[Coordinate, Coordinate, Positive] | None = None
+    polygon: Annotated[tuple[Point, ...], Meta(min_length=3, max_length=200)] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.circle is None) == (self.polygon is None):
+            raise ValueError("expected either circle or polygon, got both or none")
+
+
+class RandomObstacles(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Circles drawn from the scenario's seed by rejection sampling."""
+
+    count: Annotated[int, Meta(ge=0, le=1000)]
+    radius_m: tuple[Positive, Positive] = (0.4, 1.0)
+    gap_m_min: NotNegative = 0.6  # between surfaces
+    area: tuple[Coordinate, Coordinate, Coordinate, Coordinate]  # x_min, y_min, x_max, y_max of centres
+    keep_clear_m: NotNegative = 1.0  # between a surface and any start, goal or way-point
+
+    def __post_init__(self) -> None:
+        if self.radius_m[0] > self.radius_m[1]:
+            raise ValueError(f"expected radius_m as [smallest, largest], got {self.radius_m}")
+        if self.area[0] >= self.area[2] or self.area[1] >= self.area[3]:
+            raise ValueError(f"expected area as [x_min, y_min, x_max, y_max], got {self.area}")
+
+
+class Formation(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Leader and followers, section 3.2; the slots follow from the start poses."""
+
+    leader: Name
+    tolerance_m: Positive = 0.08  # a follower this near to its slot has arrived
+    heading_gain_1ps: Positive = 0.5  # theta_F follows theta_l with this gain, rate-limited
+    pacing_lag_m: NotNegative = 0.6  # the leader slows down when a follower lags by more
+    pacing_range_m: Positive = 1.2
+    pacing_factor_min: Probability = 0.15
+    bearing_rate_radps: Positive = 1.2  # slew of alpha_now at a bearing switch
+    bearing_step_rad: Annotated[float, Meta(gt=0.0, le=1.0)] = pi / 72.0
+    corridor_margin_m: NotNegative = 0.30  # from body to obstacle in the bearing's corridor
+    corridor_behind_m: NotNegative = 0.7
+    corridor_ahead_m: NotNegative = 2.5
+    avoid_ahead_m: NotNegative = 1.3  # FORM -> AVOID: a cell this near within +-109 degrees
+    avoid_around_m: NotNegative = 0.7  # or anywhere this near
+    reform_after_s: NotNegative = 0.5  # AVOID -> FORM after this long without a trigger
+
+
+class Priority(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What robots do about each other, section 3.3.1."""
+
+    strategy: Literal["priority", "mutual"] = "priority"
+    yield_s_max: Positive = 6.0  # bounded waiting inside a formation
+    yield_hold_s: NotNegative = 0.4
+    yield_reach_m: Positive = 2.5
+    yield_horizon_s: Positive = 3.0
+    yield_margin_m: NotNegative = 0.35
+    stale_s: Positive = 0.5  # a peer not heard for this long is an obstacle, nothing else
+
+
+class Sensor(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The planar lidar."""
+
+    beams: Annotated[int, Meta(ge=8, le=4096)] = 216  # over 360 degrees
+    range_m: Annotated[float, Meta(gt=0.0, le=100.0)] = 5.0
+
+
+class Radio(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Who hears whom."""
+
+    range_m: Positive = 10.0
+
+
+class Msam(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The motion situational awareness map, section 3.1."""
+
+    sectors: Annotated[int, Meta(ge=8, le=720)] = 72  # n; must divide sensor.beams
+    rings: Annotated[int, Meta(ge=5, le=10_000)] = 100  # m; ring width = sensor.range_m / rings
+    link_distance_m: Positive = 0.8  # neighbouring cells nearer than this are one obstacle
+    split_rad: Annotated[float, Meta(gt=0.05, lt=2.0)] = pi / 3.0  # wider arcs are split; < 120 deg
+    peer_tolerance_m: NotNegative = 0.05
+    peer_tolerance_per_missed_tick_m: NotNegative = 0.06
+
+
+class Field(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The improved artificial potential field, sections 3.1 and 3.3; symbols as in the paper."""
+
+    k_g: Positive = 5.0
+    k_r: NotNegative = 30.0
+    k_e: NotNegative = 0.01
+    rho_m: Positive = 3.0  # reach of an obstacle's repulsion
+    distance_m_min: Positive = 0.05  # f and q - r are clamped here
+    attraction_m_max: Positive = 15.0  # F_att grows up to this distance (extended only)
+    attraction_follower_m: Positive = 8.0
+    k_ij: NotNegative = 5.0
+    safe_distance_m: Positive = 0.5  # r of eq. 36
+    robot_reach_m: Positive = 1.0  # r_ij of eq. 36
+
+    def __post_init__(self) -> None:
+        if self.robot_reach_m <= self.safe_distance_m:
+            raise ValueError(
+                f"expected robot_reach_m > safe_distance_m ({self.safe_distance_m}), "
+                f"got {self.robot_reach_m}"
+            )
+
+
+class Steering(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Heading controller, gap choice and rotation memory."""
+
+    heading_gain_1ps: Positive = 4.0  # k_omega
+    approach_gain_1ps: Positive = 1.2  # v <= gain * distance to the goal
+    gap_margin_m: NotNegative = 0.12
+    gap_margin_follower_m: NotNegative = 0.10
+    gap_look_m: Positive = 2.0
+    gap_memory_weight: NotNegative = 0.35
+    stall_progress_m: Positive = 0.15  # ROUND when the goal came no nearer than this
+    stall_s: Positive = 4.0  # for this long
+    round_distance_m: Positive = 0.65  # from robot centre to the wall that it follows
+    round_leave_m: Positive = 0.3
+    round_s_max: Positive = 150.0
+
+
+class Pid(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Adaptive PID tracking A2, section 3.2 as read in the documentation."""
+
+    gamma: tuple[Positive, Positive, Positive] = (8.0, 5.0, 5.0)  # adaptation gains (Kp, Ki, Kd)
+    gain_max: tuple[NotNegative, NotNegative, NotNegative] = (8.0, 5.0, 0.5)  # projection box
+    k: Annotated[float, Meta(gt=1.0, le=100.0)] = 2.0  # K; the proof needs more than 1
+    k_i: NotNegative = 0.5  # K_I
+    leak: NotNegative = 0.05  # sigma
+    normalisation: Positive = 0.05
+    derivative_filter_s: Positive = 0.3
+    integral_max: Positive = 1.0
+    error_m_max: Positive = 1.0
+    off_axle_m: Positive = 0.2  # L of eq. 42
+
+
+class Guard(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Braking guards, always last."""
+
+    deceleration_mps2: Positive = 1.0  # planned; less than the body can do
+    strip_margin_m: NotNegative = 0.03
+    stop_margin_m: NotNegative = 0.05
+    peer_margin_m: NotNegative = 0.06
+    peer_lateral_m: NotNegative = 0.25
+    peer_reach_m: Positive = 2.0
+    latency_s: NotNegative = 0.16  # two ticks
+
+
+class Clock(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How simulation time passes."""
+
+    mode: Literal["lockstep", "realtime"] = "lockstep"
+    rate: Annotated[float, Meta(ge=0.0, le=1000.0)] = 0.0  # x real time; 0: as fast as it goes
+    command_ttl: Annotated[int, Meta(ge=1, le=1000)] = 3  # ticks; an older command brakes
+    command_deadline_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 10.0  # wall; then hung
+    start_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 15.0  # wall; then without it
+
+
+class Recording(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is written, and how soon it is safe."""
+
+    mcap: bool = True
+    rerun: bool = True
+    flush_ticks: Annotated[int, Meta(ge=1, le=10_000)] = 12
+    flush_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 0.5  # wall
+
+
+class Fault(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Something that goes wrong on purpose, at an exact tick."""
+
+    kind: Literal["kill"]
+    target: Name  # a robot's name
+    at_s: NotNegative  # simulation time; becomes tick round(at_s / dt_s)
+
+
+class Expect(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a run must reach: summary paths joined by `_`.
+
+    `min_*` and `arrived` are lower bounds, `outcome` is equal, all others are upper bounds.
+    `mirror_pairs` names the robots whose paths should mirror each other in the x axis.
+    """
+
+    outcome: Literal["succeeded", "collided", "timeout", "failed"] | None = None
+    arrived: int | None = None
+    collisions: int | None = None
+    makespan_s: float | None = None
+    path_ratio_mean: float | None = None
+    min_clearance_obstacle_m: float | None = None
+    min_clearance_robot_m: float | None = None
+    formation_error_m_max: float | None = None
+    formation_error_m_final: float | None = None
+    formation_settling_s: float | None = None
+    formation_symmetry_m: float | None = None
+    priority_waiting_s_max: float | None = None
+    mirror_pairs: tuple[tuple[Name, Name], ...] = ()
+
+
+class Shared(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The parts every robot knows as well as the world."""
+
+    priority: Priority = Priority()
+    sensor: Sensor = Sensor()
+    radio: Radio = Radio()
+    msam: Msam = Msam()
+    field: Field = Field()
+    steering: Steering = Steering()
+    pid: Pid = Pid()
+    guard: Guard = Guard()
+    clock: Clock = Clock()
+
+    def __post_init__(self) -> None:
+        if self.sensor.beams % self.msam.sectors:
+            raise ValueError(
+                f"expected msam.sectors that divide sensor.beams ({self.sensor.beams}), "
+                f"got {self.msam.sectors}"
+            )
+
+
+class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One TOML file, checked."""
+
+    title: Annotated[str, Meta(min_length=1, max_length=200)]
+    seed: Annotated[int, Meta(ge=0, le=2**53)]
+    dt_s: Annotated[float, Meta(ge=0.001, le=0.1)]
+    duration_s: Annotated[float, Meta(gt=0.0, le=1e6)]
+    robot: RobotParameters = RobotParameters()
+    robots: Annotated[tuple[Robot, ...], Meta(min_length=1, max_length=ROBOTS_MAX)]
+    obstacles: Annotated[tuple[Obstacle, ...], Meta(max_length=10_000)] = ()
+    random_obstacles: RandomObstacles | None = None
+    formation: Formation | None = None
+    recording: Recording = Recording()
+    faults: tuple[Fault, ...] = ()
+    expect: Expect = Expect()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = [robot.name for robot in self.robots]
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        if repeated:
+            raise ValueError(f"expected every robot to have its own name, got {repeated} twice")
+        if self.formation is not None and self.formation.leader not in names:
+            raise ValueError(
+                f"expected formation.leader to be one of {names}, got '{self.formation.leader}'"
+            )
+        for where, name in [
+            *((f"faults[{i}].target", fault.target) for i, fault in enumerate(self.faults)),
+            *(("expect.mirror_pairs", name) for pair in self.expect.mirror_pairs for name in pair),
+        ]:
+            if name not in names:
+                raise ValueError(f"expected {where} to be one of {names}, got '{name}'")
+        for i, fault in enumerate(self.faults):
+            ticks = fault.at_s / self.dt_s
+            if abs(ticks - round(ticks)) > 1e-6:
+                raise ValueError(
+                    f"expected faults[{i}].at_s as a multiple of dt_s ({self.dt_s}), "
+                    f"got {fault.at_s}; the nearest is {round(ticks) * self.dt_s:.6g}"
+                )
+        for i, one in enumerate(self.robots):
+            for other in self.robots[:i]:
+                gap_m = geometry.length(one.start[0] - other.start[0], one.start[1] - other.start[1])
+                if gap_m <= one.body_radius_m + other.body_radius_m:
+                    raise ValueError(
+                        f"expected robots that do not touch at the start, got '{other.name}' and "
+                        f"'{one.name}' {gap_m:.3f} m apart"
+                    )
+
+    def tick_of(self, at_s: float) -> int:
+        """Tick of a simulation time."""
+        return round(at_s / self.dt_s)
+
+    def stamp_ns(self, tick: int) -> int:
+        """Simulation time of a tick."""
+        return round(tick * self.dt_s * 1e9)
+
+    def row(self, name: str) -> int:
+        """Number of a robot's row, its id in eq. 65; KeyError when there is none."""
+        for number, robot in enumerate(self.robots):
+            if robot.name == name:
+                return number
+        raise KeyError(name)
+
+    def slot(self, row: int) -> Slot | None:
+        """Nominal slot of a follower (eq. 39), exactly as the start poses have it; else None."""
+        if self.formation is None or self.robots[row].name == self.formation.leader:
+            return None
+        if self.robots[row].goal is not None:
+            return None
+        leader = self.robots[self.row(self.formation.leader)].start
+        x_m, y_m = self.robots[row].start[0] - leader[0], self.robots[row].start[1] - leader[1]
+        behind_rad = geometry.wrap_angle(atan2(y_m, x_m) - leader[2] + pi)
+        return Slot(geometry.length(x_m, y_m), behind_rad)
+
+    def setup(self, name: str) -> RobotSetup:
+        """What one robot may know: its own row and what all share, never its peers' rows."""
+        row = self.row(name)
+        slots = [slot for slot in map(self.slot, range(len(self.robots))) if slot is not None]
+        formation = self.formation
+        return RobotSetup(
+            row=row,
+            robot=self.robots[row],
+            dt_s=self.dt_s,
+            leads=formation is not None and formation.leader == name,
+            slot=self.slot(row),
+            formation=formation,
+            slot_distance_m_max=max((slot.distance_m for slot in slots), default=0.0),
+            **{field: getattr(self, field) for field in Shared.__struct_fields__},
+        )
+
+
+class RobotSetup(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One robot's part of a scenario: the world's reply to its scenario query."""
+
+    row: int
+    robot: Robot
+    dt_s: float
+    leads: bool
+    slot: Slot | None
+    formation: Formation | None
+    slot_distance_m_max: float  # d_max of the formation, for the heading's rate limit
+
+
+# --- decoding -----------------------------------------------------------------------------------
+
+
+def decode(
+    data: bytes,
+    where: str,
+    *,
+    settings: Sequence[str] = (),
+    robots: int | None = None,
+    seed: int | None = None,
+    duration_s: float | None = None,
+) -> Scenario:
+    """Scenario from TOML bytes and what the command line changed in it.
+
+    Args:
+        data: the file's content; `where` names it in errors.
+        settings: `PATH=VALUE` of `--set`, VALUE in TOML (bare words are strings).
+        robots: how many of the rows, or of the `[line]`, to keep.
+    Raises:
+        ScenarioError: file, path, expected and got.
+    """
+    try:
+        raw = tomllib.loads(data.decode())
+    except UnicodeDecodeError as error:
+        raise errors.ScenarioError(
+            f"{where}: expected UTF-8 text, got byte 0x{data[error.start]:02x} at {error.start}"
+        ) from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise errors.ScenarioError(f"{where}: expected TOML, got: {error}") from error
+    for setting in settings:
+        _set(raw, setting)
+    if seed is not None:
+        raw["seed"] = seed
+    if duration_s is not None:
+        raw["duration_s"] = duration_s
+    defaults = raw.get("robot", {})
+    _convert(defaults, RobotParameters, where, "robot")
+    if "line" in raw:
+        raw = _with_line(raw, robots, where)
+    elif robots is not None:
+        rows = raw.get("robots", [])
+        if not 1 <= robots <= len(rows):
+            raise errors.ScenarioError(
+                f"{where}: expected --robots between 1 and {len(rows)} (the rows of [[robots]]), "
+                f"got {robots}"
+            )
+        raw["robots"] = rows[:robots]
+    if isinstance(raw.get("robots"), list):
+        raw["robots"] = [
+            {**defaults, **row} if isinstance(row, dict) else row for row in raw["robots"]
+        ]
+    return _convert(raw, Scenario, where)
+
+
+def to_builtins(scenario: Scenario) -> dict[str, Any]:
+    """Plain tables and values, without what is None: decodes to the same scenario again."""
+    result = _without_none(msgspec.to_builtins(scenario))
+    assert isinstance(result, dict)
+    return result
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, (list, tuple)):
+        return [_without_none(item) for item in value]
+    return value
+
+
+def _with_line(raw: Mapping[str, Any], robots: int | None, where: str) -> dict[str, Any]:
+    table = dict(raw["line"]) if isinstance(raw["line"], dict) else raw["line"]
+    if robots is not None and isinstance(table, dict):
+        table["count"] = robots
+    line = _convert(table, Line, where, "line")
+    rest = {key: value for key, value in raw.items() if key != "line"}
+    rest["robots"] = [
+        {"name": f"robot{i + 1}", "start": [0.0, (i - (line.count - 1) / 2.0) * line.spacing_m, 0.0]}
+        for i in range(line.count)
+    ]
+    return rest
+
+
+def _set(raw: dict[str, Any], setting: str) -> None:
+    path, sign, text = setting.partition("=")
+    keys = path.strip().split(".")
+    if not sign or not all(keys):
+        raise errors.ScenarioError(
+            f"--set {setting}: expected PATH=VALUE such as field.k_e=1.0, got '{setting}'"
+        )
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    table: Any = raw
+    for depth, name in enumerate(keys[:-1]):
+        table = table[int(name)] if _is_row(table, name) else _table(table, name)
+        if not isinstance(table, (dict, list)):
+            raise errors.ScenarioError(
+                f"--set {setting}: expected a table at '{'.'.join(keys[: depth + 1])}', "
+                f"got {table!r}"
+            )
+    if _is_row(table, keys[-1]):
+        table[int(keys[-1])] = value
+    elif isinstance(table, dict):
+        table[keys[-1]] = value
+    else:
+        raise errors.ScenarioError(
+            f"--set {setting}: expected a row number from 0 to {len(table) - 1}, got '{keys[-1]}'"
+        )
+
+
+def _is_row(table: Any, name: str) -> bool:
+    return isinstance(table, list) and name.isdecimal() and int(name) < len(table)
+
+
+def _table(table: Any, name: str) -> Any:
+    return table.setdefault(name, {}) if isinstance(table, dict) else None
+
+
+_PATH = re.compile(r"^(?P<text>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)
+
+
+def _convert(raw: Any, type_: type[T], where: str, inside: str = "") -> T:
+    try:
+        return msgspec.convert(raw, type_)
+    except msgspec.ValidationError as error:
+        match = _PATH.match(str(error))
+        assert match is not None
+        text, path = match["text"], (match["path"] or "$").removeprefix("$").lstrip(".")
+        found = _found(raw, path)
+        full = ".".join(part for part in (inside, path) if part) or "the whole file"
+        text = text[0].lower() + text[1:]
+        got = "" if "got" in text or found is None else f", got {found}"
+        raise errors.ScenarioError(f"{where}: {full}: {_expected(text, raw, path)}{got}") from error
+
+
+def _expected(text: str, raw: Any, path: str) -> str:
+    if "unknown field" in text:
+        name = text.split("`")[1]
+        return f"expected only known keys, got '{name}'"
+    if "missing required field" in text:
+        return f"expected the key '{text.split('`')[1]}', got none"
+    return text
+
+
+def _found(raw: Any, path: str) -> str | None:
+    value = raw
+    for step in re.findall(r"[^.\[\]]+", path):
+        try:
+            value = value[int(step)] if isinstance(value, list) else value[step]
+        except (KeyError, IndexError, TypeError, ValueError):
+            return None
+    return None if isinstance(value, (dict, list)) and len(str(value)) > 60 else repr(value)
