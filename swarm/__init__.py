@@ -1,17 +1,17 @@
 """What every process of the swarm agrees on.
 
-    swarm run SCENARIO            supervisor: launches, watches, reports
-      |-- world process           tick master, Zenoh router inside
-      |     commands -> motion -> contact -> raycast -> radio -> one SensorFrame per robot
-      |                         \\-> Rerun        \\-> MCAP
-      '-- robot process 1..N      frame -> MSAM -> field | formation -> guard -> Command
+swarm run SCENARIO            supervisor: launches, watches, reports
+  |-- world process           tick master, Zenoh router inside
+  |     commands -> motion -> contact -> raycast -> radio -> one SensorFrame per robot
+  |                         \\-> Rerun        \\-> MCAP
+  '-- robot process 1..N      frame -> MSAM -> field | formation -> guard -> Command
 
-    geometry    poses, twists, angles
-    messages    who says what to whom: the one table of topics
-    scenario    every tunable with unit and bound
-    errors      what can go wrong outside
-    metrics     stream of ticks -> summary
-    bus         the seam between processes; in memory here, over Zenoh in zenoh_bus
-    recording   MCAP out and in
-    run         what composes them: command line, supervisor, lock-step, replay, bench
+geometry    poses, twists, angles
+messages    who says what to whom: the one table of topics
+scenario    every tunable with unit and bound
+errors      what can go wrong outside
+metrics     stream of ticks -> summary
+bus         the seam between processes; in memory here, over Zenoh in zenoh_bus
+recording   MCAP out and in
+run         what composes them: command line, supervisor, lock-step, replay, bench
 """

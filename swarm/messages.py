@@ -179,7 +179,9 @@ class SensorFrame(msgspec.Struct, frozen=True, array_like=True):
     twist: Twist
     wheels: Wheels
     contact: bool
-    ranges: Array  # (beams,) float32 m; beam k looks to geometry.sector_centres(beams)[k]; inf: miss
+    ranges: (
+        Array  # (beams,) float32 m; beam k looks to geometry.sector_centres(beams)[k]; inf: miss
+    )
     beacons: tuple[Beacon, ...] = ()  # those audible, normally of the tick before
 
     def __post_init__(self) -> None:
@@ -238,7 +240,6 @@ class RobotStatus(msgspec.Struct, frozen=True):
     mode: str
     leader: str
     arrived: bool
-    heard: int
     late_commands: int
     error_m: float | None
 

@@ -19,7 +19,6 @@ import msgspec
 from msgspec import Meta
 
 from swarm import errors, geometry
-from swarm.geometry import Vec2
 from swarm.messages import Name, Slot
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
@@ -87,7 +86,9 @@ class RandomObstacles(_Part, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     count: Annotated[int, Meta(ge=0, le=1000)]
     radius_m: tuple[Positive, Positive] = (0.4, 1.0)
     gap_m_min: NotNegative = 0.6  # between surfaces
-    area: tuple[Coordinate, Coordinate, Coordinate, Coordinate]  # x_min, y_min, x_max, y_max of centres
+    area: tuple[
+        Coordinate, Coordinate, Coordinate, Coordinate
+    ]  # x_min, y_min, x_max, y_max of centres
     keep_clear_m: NotNegative = 1.0  # between a surface and any start, goal or way-point
 
     def __post_init__(self) -> None:
@@ -328,7 +329,9 @@ class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 )
         for i, one in enumerate(self.robots):
             for other in self.robots[:i]:
-                gap_m = geometry.length(one.start[0] - other.start[0], one.start[1] - other.start[1])
+                gap_m = geometry.length(
+                    one.start[0] - other.start[0], one.start[1] - other.start[1]
+                )
                 if gap_m <= one.body_radius_m + other.body_radius_m:
                     raise ValueError(
                         f"expected robots that do not touch at the start, got '{other.name}' and "
@@ -398,6 +401,7 @@ def decode(
     where: str,
     *,
     settings: Sequence[str] = (),
+    faults: Sequence[str] = (),
     robots: int | None = None,
     seed: int | None = None,
     duration_s: float | None = None,
@@ -407,6 +411,7 @@ def decode(
     Args:
         data: the file's content; `where` names it in errors.
         settings: `PATH=VALUE` of `--set`, VALUE in TOML (bare words are strings).
+        faults: `kind:target@start_s[,key=value]` of `--fault`, added to `[[faults]]`.
         robots: how many of the rows, or of the `[line]`, to keep.
     Raises:
         ScenarioError: file, path, expected and got.
@@ -425,6 +430,8 @@ def decode(
         raw["seed"] = seed
     if duration_s is not None:
         raw["duration_s"] = duration_s
+    if faults:
+        raw["faults"] = [*raw.get("faults", []), *(_parse_fault(spec) for spec in faults)]
     defaults = raw.get("robot", {})
     _convert(defaults, RobotParameters, where, "robot")
     if "line" in raw:
@@ -466,7 +473,10 @@ def _with_line(raw: Mapping[str, Any], robots: int | None, where: str) -> dict[s
     line = _convert(table, Line, where, "line")
     rest = {key: value for key, value in raw.items() if key != "line"}
     rest["robots"] = [
-        {"name": f"robot{i + 1}", "start": [0.0, (i - (line.count - 1) / 2.0) * line.spacing_m, 0.0]}
+        {
+            "name": f"robot{i + 1}",
+            "start": [0.0, (i - (line.count - 1) / 2.0) * line.spacing_m, 0.0],
+        }
         for i in range(line.count)
     ]
     return rest
@@ -501,6 +511,36 @@ def _set(raw: dict[str, Any], setting: str) -> None:
         )
 
 
+_FAULT = re.compile(
+    r"^(?P<kind>[a-z-]+):(?P<target>[^@+,]+)@(?P<at>[0-9.eE-]+)(?:\+(?P<lasts>[0-9.eE-]+))?"
+    r"(?P<others>(?:,[a-z_]+=[^,]*)*)$"
+)
+
+
+def _parse_fault(spec: str) -> dict[str, Any]:
+    """Table of a fault as the command line writes it."""
+    match = _FAULT.match(spec.strip())
+    try:
+        if match is None:
+            raise ValueError
+        table: dict[str, Any] = {
+            "kind": match["kind"],
+            "target": match["target"],
+            "at_s": float(match["at"]),
+        }
+        if match["lasts"] is not None:
+            table["for_s"] = float(match["lasts"])
+        for pair in filter(None, match["others"].split(",")):
+            key, _, text = pair.partition("=")
+            table[key] = tomllib.loads(f"value = {text}")["value"]
+    except (ValueError, tomllib.TOMLDecodeError) as error:
+        raise errors.ScenarioError(
+            "--fault: expected kind:target@start_s[+for_s][,key=value] such as "
+            f"kill:robot3@9.6, got '{spec}'"
+        ) from error
+    return table
+
+
 def _is_row(table: Any, name: str) -> bool:
     return isinstance(table, list) and name.isdecimal() and int(name) < len(table)
 
@@ -530,6 +570,8 @@ def _expected(text: str, raw: Any, path: str) -> str:
     if "unknown field" in text:
         name = text.split("`")[1]
         return f"expected only known keys, got '{name}'"
+    if "invalid enum value" in text:
+        return "expected one of the known values"
     if "missing required field" in text:
         return f"expected the key '{text.split('`')[1]}', got none"
     return text

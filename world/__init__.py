@@ -1,10 +1,10 @@
 """Everything that is not a robot's mind.
 
-    scene        what stands in the world: circles and polygons, drawn or from the seed
-    motion       set-point -> twist within the limits -> exact arc
-    contact      who touches what on the way
-    raycast      the lidar: beams against circles, edges and bodies
-    radio        who hears whom
-    simulation   the whole world, one tick: pure
-    process      the shell: keeps the pace, moves the messages, records
+scene        what stands in the world: circles and polygons, drawn or from the seed
+motion       set-point -> twist within the limits -> exact arc
+contact      who touches what on the way
+raycast      the lidar: beams against circles, edges and bodies
+radio        who hears whom
+simulation   the whole world, one tick: pure
+process      the shell: keeps the pace, moves the messages, records
 """

@@ -1,0 +1,301 @@
+"""A robot with a slot: FORM while nothing is in the way, AVOID while something is (section 3.3.2).
+
+    leader's beacon --way-point--> bearing switch --> FORM: adaptive PID
+                                                  '-> AVOID: potential field, moving with the slot
+
+The two never act together: the gradient of the field and the PID term would make new minima.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import atan2, cos, sin
+from typing import Literal
+
+import msgspec
+
+from agents import field, formation, msam, pid, steering
+from agents.peers import Peer
+from agents.steering import Wish
+from swarm import geometry
+from swarm.geometry import Pose, Twist, Vec2, wrap_angle
+from swarm.messages import Forces, Slot
+from swarm.scenario import RobotSetup
+
+# Triggers of AVOID: a bearing this far from the nominal one, obstacles within this angle ahead,
+BEARING_CHANGE_RAD = 0.02
+AHEAD_RAD = 1.9
+# a peer this near beyond the safe distance; it must go a little further before FORM returns.
+PEER_MARGIN_M = 0.2
+PEER_MARGIN_LEAVE_M = 0.25
+# Obstacle points at the rim of the map are left out of the bearing switch.
+RIM_M = 0.1
+# AVOID: error of the way-point to speed, how far a robot may fall behind before it drives back,
+CATCH_UP_GAIN_1PS = 1.0
+BACKWARD_FROM_M = 1.5
+# how far it looks for a gap beyond its way-point, within bounds,
+LOOK_BEYOND_M = 0.9
+LOOK_M_MIN = 0.6
+LOOK_M_MAX = 1.8
+# and the speed from which on the attraction has its full size.
+ATTRACTION_FULL_MPS = 0.3
+# Arrived: in its slot and this slow for so long.
+REST_SPEED_MPS = 0.05
+REST_S = 1.0
+
+
+class State(msgspec.Struct, frozen=True):
+    """Which law is in force, the bearing of the moment, and what the tracking has learned."""
+
+    mode: Literal["FORM", "AVOID"] = "FORM"
+    clear_s: float = 0.0  # since the last trigger of AVOID
+    bearing_now_rad: float = 0.0
+    direction_rad: float | None = None  # world, chosen last in AVOID
+    rest_s: float = 0.0
+    tracking: pid.State = pid.State()
+
+
+class Goal(msgspec.Struct, frozen=True):
+    """Where the formation is now, moved on from the leader's beacon."""
+
+    leader: Pose
+    twist: Twist
+    heading_rad: float  # theta_F
+    turn_rate_radps: float
+    arrived: bool
+
+
+def init(setup: RobotSetup) -> State:
+    """Before the first frame: in the nominal slot."""
+    return State(bearing_now_rad=0.0 if setup.slot is None else setup.slot.bearing_rad)
+
+
+def goal_of(leader: Peer) -> Goal:
+    """Formation at the tick of this robot's frame."""
+    beacon = leader.beacon
+    heading_rad = beacon.formation_heading_rad + beacon.formation_turn_rate_radps * leader.age_s
+    return Goal(
+        leader=leader.pose,
+        twist=beacon.twist,
+        heading_rad=wrap_angle(heading_rad),
+        turn_rate_radps=beacon.formation_turn_rate_radps,
+        arrived=beacon.arrived,
+    )
+
+
+def step(
+    setup: RobotSetup,
+    state: State,
+    pose: Pose,
+    twist: Twist,
+    map: msam.Map,
+    others: list[Peer],
+    goal: Goal,
+    *,
+    extended: bool,
+    frozen: bool,
+    elapsed_s: float,
+) -> tuple[State, Wish]:
+    """One tick of a follower that hears its leader.
+
+    Args:
+        others: peers to keep apart from.
+        frozen: the set-point of the tick before was not the one asked for, or it gave way.
+    """
+    slot = setup.slot
+    assert slot is not None
+    assert setup.formation is not None
+    bearing_rad = switch_bearing(setup, state, pose, map, goal, slot)
+    bearing_now_rad = formation.slew_bearing(
+        setup.formation, state.bearing_now_rad, bearing_rad, elapsed_s
+    )
+    mode, clear_s = switch_mode(setup, state, map, others, bearing_rad, elapsed_s)
+    nominal = formation.waypoint(goal.leader, goal.heading_rad, slot.distance_m, slot.bearing_rad)
+    away_m = geometry.length(nominal[0] - pose.x_m, nominal[1] - pose.y_m)
+    rests = (
+        goal.arrived
+        and away_m < setup.formation.tolerance_m
+        and abs(twist.speed_mps) < REST_SPEED_MPS
+    )
+    rest_s = state.rest_s + elapsed_s if rests else 0.0
+    tracking = state.tracking
+    direction_rad = state.direction_rad
+    if mode == "FORM":
+        if state.mode != "FORM":
+            tracking = pid.reset(tracking)
+        tracking, wish = track(setup, tracking, pose, goal, slot, nominal, frozen, elapsed_s)
+        direction_rad = None
+    else:
+        wish = avoid(setup, state, pose, map, others, goal, bearing_now_rad, extended)
+        direction_rad = atan2(wish.forces.attractive[1], wish.forces.attractive[0])
+    if rest_s >= REST_S:
+        wish = msgspec.structs.replace(wish, mode="ARRIVED", arrived=True)
+    return State(mode, clear_s, bearing_now_rad, direction_rad, rest_s, tracking), wish
+
+
+def switch_bearing(
+    setup: RobotSetup, state: State, pose: Pose, map: msam.Map, goal: Goal, slot: Slot
+) -> float:
+    """Bearing that keeps the follower's corridor free, the nominal one where nothing is near."""
+    reach_m = setup.sensor.range_m - RIM_M
+    assert setup.formation is not None
+    if map.nearest_m >= reach_m:
+        return slot.bearing_rad
+    count = len(map.sectors_m)
+    turn_rad = pose.yaw_rad - goal.heading_rad
+    turn_x, turn_y = cos(turn_rad), sin(turn_rad)
+    x_m, y_m = pose.x_m - goal.leader.x_m, pose.y_m - goal.leader.y_m
+    ahead, aside = cos(goal.heading_rad), sin(goal.heading_rad)
+    from_m = (x_m * ahead + y_m * aside, y_m * ahead - x_m * aside)
+    points = [
+        (from_m[0] + turn_x * x - turn_y * y, from_m[1] + turn_y * x + turn_x * y)
+        for x, y in msam.cell_points(
+            msam.layout(count, count),
+            map.sectors_m,
+            setup.sensor.range_m / setup.msam.rings,
+            reach_m,
+        )
+    ]
+    return formation.choose_bearing(
+        setup.formation,
+        slot,
+        state.bearing_now_rad,
+        points,
+        setup.robot.body_radius_m + setup.formation.corridor_margin_m,
+    )
+
+
+def switch_mode(
+    setup: RobotSetup,
+    state: State,
+    map: msam.Map,
+    others: Iterable[Peer],
+    bearing_rad: float,
+    elapsed_s: float,
+) -> tuple[Literal["FORM", "AVOID"], float]:
+    """Mode of this tick and how long nothing has asked for AVOID, in s."""
+    assert setup.slot is not None
+    assert setup.formation is not None
+    margin_m = PEER_MARGIN_M if state.mode == "FORM" else PEER_MARGIN_LEAVE_M
+    reach_m = setup.field.safe_distance_m + margin_m
+    triggered = (
+        abs(wrap_angle(bearing_rad - setup.slot.bearing_rad)) > BEARING_CHANGE_RAD
+        or map.nearest_m < setup.formation.avoid_around_m
+        or any(peer.distance_m < reach_m for peer in others)
+        or nearest_ahead(map, setup.formation.avoid_ahead_m)
+    )
+    if triggered:
+        return "AVOID", 0.0
+    clear_s = state.clear_s + elapsed_s
+    if state.mode == "AVOID" and clear_s < setup.formation.reform_after_s:
+        return "AVOID", clear_s
+    return "FORM", clear_s
+
+
+def nearest_ahead(map: msam.Map, reach_m: float) -> bool:
+    """Whether anything is nearer than `reach_m` in the wide angle ahead."""
+    if map.nearest_m >= reach_m:
+        return False
+    count = len(map.sectors_m)
+    angles = msam.layout(count, count).sector_angles
+    return any(
+        range_m < reach_m and abs(angle_rad) <= AHEAD_RAD
+        for range_m, angle_rad in zip(map.sectors_m, angles, strict=True)
+    )
+
+
+def track(
+    setup: RobotSetup,
+    tracking: pid.State,
+    pose: Pose,
+    goal: Goal,
+    slot: Slot,
+    nominal: Vec2,
+    frozen: bool,
+    elapsed_s: float,
+) -> tuple[pid.State, Wish]:
+    """FORM: adaptive PID on the nominal slot."""
+    seen = pid.observe(
+        setup.pid, pose, goal.leader, goal.twist, goal.heading_rad, goal.turn_rate_radps, slot
+    )
+    tracking, u = pid.step(setup.pid, tracking, seen, elapsed_s, frozen=frozen)
+    speed_mps, turn_rate_radps = pid.invert(setup.pid, seen, u)
+    robot = setup.robot
+    return tracking, Wish(
+        mode="FORM",
+        speed_mps=max(-robot.speed_mps_reverse_max, min(robot.speed_mps_max, speed_mps)),
+        turn_rate_radps=steering.clip(turn_rate_radps, robot.turn_rate_radps_max),
+        waypoint=nominal,
+        error=seen.error,
+        saturated=not (
+            -robot.speed_mps_reverse_max <= speed_mps <= robot.speed_mps_max
+            and abs(turn_rate_radps) <= robot.turn_rate_radps_max
+        ),
+    )
+
+
+def avoid(
+    setup: RobotSetup,
+    state: State,
+    pose: Pose,
+    map: msam.Map,
+    others: Iterable[Peer],
+    goal: Goal,
+    bearing_now_rad: float,
+    extended: bool,
+) -> Wish:
+    """AVOID: the field, attracted along the velocity that takes it to its moving way-point.
+
+    An attraction k_g (way-point - q) as for a goal would be some 5 N against a gap's barrier of
+    8 to 17: the follower would stop in front of it.
+    """
+    assert setup.slot is not None
+    robot = setup.robot
+    point = formation.waypoint(
+        goal.leader, goal.heading_rad, setup.slot.distance_m, bearing_now_rad
+    )
+    x_m, y_m = point[0] - pose.x_m, point[1] - pose.y_m
+    away_m = geometry.length(x_m, y_m)
+    v_x, v_y = slot_velocity(goal, point)
+    v_x += CATCH_UP_GAIN_1PS * x_m
+    v_y += CATCH_UP_GAIN_1PS * y_m
+    if away_m < BACKWARD_FROM_M:
+        v_x, v_y = field.without_opposition((v_x, v_y), goal.heading_rad)
+    speed_mps = min(robot.speed_mps_max, geometry.length(v_x, v_y))
+    wanted_rad = atan2(v_y, v_x) if speed_mps > 0.0 else goal.heading_rad
+    free_rad = None
+    if extended:
+        free_rad = steering.choose_direction(
+            setup.steering,
+            map,
+            pose.yaw_rad,
+            wanted_rad,
+            wanted_rad if state.direction_rad is None else state.direction_rad,
+            clear_m=robot.body_radius_m + setup.steering.gap_margin_follower_m,
+            look_m=max(LOOK_M_MIN, min(LOOK_M_MAX, away_m + LOOK_BEYOND_M)),
+        )
+    attractive = field.attractive(
+        setup.field,
+        wanted_rad if free_rad is None else free_rad,
+        setup.field.attraction_follower_m * min(1.0, speed_mps / ATTRACTION_FULL_MPS),
+    )
+    repulsive = field.repulsive(setup.field, map.arcs, pose.yaw_rad, setup.sensor.range_m)
+    if free_rad is not None:
+        repulsive = field.without_opposition(repulsive, free_rad)
+    rotating = field.rotating(setup.field, map.clusters, pose.yaw_rad, wanted_rad)
+    robots = field.between_robots(setup.field, others)
+    resultant = field.total(attractive, repulsive, rotating, robots)
+    forces = Forces(attractive, repulsive, rotating, robots, resultant)
+    speed_mps, turn_rate_radps = steering.head(
+        setup.steering, robot, resultant, pose.yaw_rad, speed_mps
+    )
+    return Wish("AVOID", speed_mps, turn_rate_radps, forces=forces, waypoint=point)
+
+
+def slot_velocity(goal: Goal, point: Vec2) -> Vec2:
+    """Velocity of a point that moves with the leader and turns with theta_F, m/s, world."""
+    x_m, y_m = point[0] - goal.leader.x_m, point[1] - goal.leader.y_m
+    return (
+        goal.twist.speed_mps * cos(goal.leader.yaw_rad) - goal.turn_rate_radps * y_m,
+        goal.twist.speed_mps * sin(goal.leader.yaw_rad) + goal.turn_rate_radps * x_m,
+    )

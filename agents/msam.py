@@ -1,0 +1,211 @@
+"""The motion situational awareness map: what is near, by direction (section 2.3).
+
+    ranges --without peers--> beams --minimum, rings--> sectors --links--> clusters --split--> arcs
+
+The map is the robot's own: polar, body frame, angle 0 ahead, sectors symmetric about the heading
+so that mirrored robots see mirrored maps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+from math import atan2, ceil, cos, floor, inf, sqrt
+
+import msgspec
+import numpy as np
+
+from agents.peers import Peer
+from swarm import geometry
+from swarm.geometry import TAU, Ranges, Vec2
+from swarm.messages import Arc
+from swarm.scenario import Msam, RobotSetup
+
+
+class Map(msgspec.Struct, frozen=True):
+    """One look around; distances in m from the robot's centre, inf where free."""
+
+    beams_m: list[float]  # (beams,) hits that are obstacles
+    sectors_m: list[float]  # (sectors,) inner edge of the nearest occupied ring
+    clusters: tuple[Arc, ...]  # runs of linked cells within rho, unsplit
+    arcs: tuple[Arc, ...]  # the same, split; the virtual circles of eq. 19 to 21
+    nearest_m: float  # of all sectors
+    nearest_index: int
+
+
+class Layout(msgspec.Struct, frozen=True, eq=False):
+    """Directions of beams and sectors, body frame: constants of a scenario."""
+
+    beam_units: list[Vec2]  # (beams,)
+    sector_angles: list[float]  # (sectors,)
+    sector_units: list[Vec2]  # (sectors,)
+    beam_rad: float  # width
+    sector_rad: float
+
+
+@lru_cache(maxsize=32)
+def layout(beams: int, sectors: int) -> Layout:
+    """Directions for so many beams and sectors."""
+    beam_angles = geometry.sector_centres(beams)
+    sector_angles = geometry.sector_centres(sectors)
+    return Layout(
+        beam_units=[geometry.unit(angle) for angle in beam_angles],
+        sector_angles=sector_angles,
+        sector_units=[geometry.unit(angle) for angle in sector_angles],
+        beam_rad=TAU / beams,
+        sector_rad=TAU / sectors,
+    )
+
+
+def update(setup: RobotSetup, ranges_m: Ranges, peers: Iterable[Peer]) -> Map:
+    """Map of one scan, without the hits that belong to the given peers.
+
+    Args:
+        ranges_m: (beams,) m, inf for a miss; beam k looks to sector_centres(beams)[k].
+        peers: those whose bodies are not obstacles. What stands behind them stays unseen.
+    """
+    directions = layout(len(ranges_m), setup.msam.sectors)
+    hidden = peer_beams(setup.msam, directions, ranges_m, peers)
+    if hidden:
+        ranges_m = ranges_m.copy()
+        ranges_m[hidden] = inf
+    sectors_m = sector_ranges(
+        ranges_m, setup.msam.sectors, setup.sensor.range_m, setup.sensor.range_m / setup.msam.rings
+    )
+    runs = linked_runs(sectors_m, setup.field.rho_m, setup.msam.link_distance_m)
+    nearest_m = min(sectors_m)
+    return Map(
+        beams_m=ranges_m.tolist(),
+        sectors_m=sectors_m,
+        clusters=tuple([_arc(sectors_m, run, 0, 1, 1.0) for run in runs]),
+        arcs=tuple([arc for run in runs for arc in split(sectors_m, run, setup.msam.split_rad)]),
+        nearest_m=nearest_m,
+        nearest_index=sectors_m.index(nearest_m),
+    )
+
+
+def peer_beams(
+    msam: Msam, directions: Layout, ranges_m: Ranges, peers: Iterable[Peer]
+) -> list[int]:
+    """Beams whose hit lies on a peer's body, as far as its beacon tells where that is."""
+    beams = len(directions.beam_units)
+    hidden = []
+    for peer in peers:
+        reach_m = (
+            peer.beacon.body_radius_m
+            + msam.peer_tolerance_m
+            + msam.peer_tolerance_per_missed_tick_m * peer.missed_ticks
+        )
+        x_m, y_m = peer.offset_body
+        if peer.distance_m > reach_m:
+            beyond_m = sqrt(peer.distance_m * peer.distance_m - reach_m * reach_m)
+            half = atan2(reach_m, beyond_m) / directions.beam_rad
+        else:
+            half = beams / 2.0
+        middle = peer.bearing_rad / directions.beam_rad + (beams - 1) / 2.0
+        first = ceil(middle - half)
+        for index in range(first, min(floor(middle + half), first + beams - 1) + 1):
+            beam = index % beams
+            range_m = float(ranges_m[beam])
+            if range_m - peer.distance_m > reach_m:
+                continue
+            dx_m = range_m * directions.beam_units[beam][0] - x_m
+            dy_m = range_m * directions.beam_units[beam][1] - y_m
+            if dx_m * dx_m + dy_m * dy_m <= reach_m * reach_m:
+                hidden.append(beam)
+    return hidden
+
+
+def sector_ranges(ranges_m: Ranges, sectors: int, range_m: float, ring_m: float) -> list[float]:
+    """(sectors,) inner edge r_o = eta dr of the nearest occupied ring (eq. 18, 20), inf where free.
+
+    The paper takes the lower corner of a cell; we do so for the range, which is cautious, but
+    look to the middle of the sector, otherwise every obstacle would be turned by half a sector.
+    """
+    nearest_m = ranges_m.reshape(sectors, -1).min(axis=1).astype(np.float64)
+    edges_m = np.floor(nearest_m / ring_m) * ring_m
+    edges_m[nearest_m >= range_m] = inf
+    result: list[float] = edges_m.tolist()
+    return result
+
+
+def linked_runs(sectors_m: list[float], rho_m: float, link_m: float) -> list[range]:
+    """Runs of neighbouring cells within rho that are close enough to be one obstacle.
+
+    A run that crosses the back of the robot goes on past the number of sectors. A closed ring is
+    one run that begins at sector 0.
+    """
+    count = len(sectors_m)
+    turn = cos(TAU / count)
+    runs: list[range] = []
+    for index, range_m in enumerate(sectors_m):
+        if not range_m < rho_m:
+            continue
+        if runs and runs[-1].stop == index:
+            before_m = sectors_m[index - 1]
+            gap2_m2 = range_m * range_m + before_m * before_m - 2.0 * range_m * before_m * turn
+            if gap2_m2 < link_m * link_m:
+                runs[-1] = range(runs[-1].start, index + 1)
+                continue
+        runs.append(range(index, index + 1))
+    if len(runs) > 1 and runs[0].start == 0 and runs[-1].stop == count:
+        a_m, b_m = sectors_m[-1], sectors_m[0]
+        if a_m * a_m + b_m * b_m - 2.0 * a_m * b_m * turn < link_m * link_m:
+            runs[-1] = range(runs[-1].start, count + runs[0].stop)
+            del runs[0]
+    return runs
+
+
+def split(sectors_m: list[float], run: range, split_rad: float) -> list[Arc]:
+    """Arcs of one cluster, none wider than `split_rad`.
+
+    The circle of eq. 21 has its surface at r_o (2 cos(width / 2) - 1): the robot would be inside
+    it from 120 degrees on, so wide clusters are cut into equal parts, each with its own r_o. The
+    weights add up to the cluster's width over `split_rad`, at least 1: an uncut arc is the
+    paper's, and cutting does not multiply the force. Parts need not end between two cells (a
+    shared cell counts for both), because whole cells could not be cut alike by mirrored robots.
+    """
+    width_rad = len(run) * TAU / len(sectors_m)
+    parts = ceil(width_rad / split_rad - 1e-9)
+    weight = max(1.0, width_rad / split_rad) / parts
+    return [_arc(sectors_m, run, part, parts, weight) for part in range(parts)]
+
+
+def _arc(sectors_m: list[float], run: range, part: int, parts: int, weight: float) -> Arc:
+    count = len(sectors_m)
+    cells = len(run)
+    first = run.start + part * cells // parts
+    stop = run.start - (-(part + 1) * cells // parts)
+    middle = run.start + (part + 0.5) * cells / parts - 0.5
+    width_rad = TAU / count
+    return Arc(
+        bearing_rad=geometry.wrap_angle((middle - (count - 1) / 2.0) * width_rad),
+        range_m=min(sectors_m[first:stop])
+        if stop <= count
+        else min([sectors_m[index % count] for index in range(first, stop)]),
+        width_rad=cells * width_rad / parts,
+        weight=weight,
+    )
+
+
+def circle_distance(range_m: float, width_rad: float) -> float:
+    """Distance |q - q_o| to the centre of the virtual circle (eq. 19, 21): twice that to its chord.
+
+    The half angle is held below 59.5 degrees, beyond which the circle would hold the robot.
+    """
+    return 2.0 * range_m * cos(min(width_rad, CIRCLE_WIDTH_RAD_MAX) / 2.0)
+
+
+CIRCLE_WIDTH_RAD_MAX = 119.0 * TAU / 360.0
+
+
+def cell_points(
+    directions: Layout, sectors_m: list[float], ring_m: float, reach_m: float
+) -> list[Vec2]:
+    """Centres of the occupied cells nearer than `reach_m`, body frame."""
+    half_m = ring_m / 2.0
+    return [
+        ((range_m + half_m) * unit[0], (range_m + half_m) * unit[1])
+        for range_m, unit in zip(sectors_m, directions.sector_units, strict=True)
+        if range_m < reach_m
+    ]

@@ -1,0 +1,101 @@
+"""What a robot knows of its peers: their newest beacons, moved on to now.
+
+    beacons heard --remember--> State.peers --now--> [Peer]
+
+Beacons are a tick old or older, and some are lost: each is extrapolated with its own twist before
+any use, and forgotten once it is older than a bound; its body is then an obstacle like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import atan2, cos, sin
+
+import msgspec
+
+from swarm import geometry
+from swarm.geometry import Pose, Vec2
+from swarm.messages import Beacon
+
+# Nothing in a scenario lies further out or moves faster; beyond, squares would overflow.
+COORDINATE_M_MAX = 1e6
+RATE_MAX = 1e3  # m/s and rad/s
+
+
+class Peer(msgspec.Struct, frozen=True):
+    """One peer as it is believed to be now."""
+
+    beacon: Beacon
+    pose: Pose  # world, at the tick of the frame
+    velocity: Vec2  # m/s, world
+    offset: Vec2  # m, world axes, from this robot's centre
+    offset_body: Vec2  # m, body frame
+    distance_m: float
+    bearing_rad: float  # body frame
+    age_s: float  # of its beacon
+    missed_ticks: int  # beacons that should have come since; none when it is of the tick before
+
+
+def remember(
+    known: tuple[Beacon, ...], heard: Iterable[Beacon], name: str, tick: int, ticks_max: int
+) -> tuple[Beacon, ...]:
+    """Newest beacon of every peer that is no older than `ticks_max`, in order of their names.
+
+    A later incarnation wins whatever its tick. Beacons of this robot itself, from the future and
+    with numbers that nothing in the world can have are left out.
+    """
+    newest = {beacon.name: beacon for beacon in known}
+    for beacon in heard:
+        if beacon.name == name or beacon.tick > tick or not _is_plausible(beacon):
+            continue
+        old = newest.get(beacon.name)
+        if old is None or (beacon.incarnation, beacon.tick) >= (old.incarnation, old.tick):
+            newest[beacon.name] = beacon
+    return tuple(newest[key] for key in sorted(newest) if 0 <= tick - newest[key].tick <= ticks_max)
+
+
+def now(beacons: tuple[Beacon, ...], pose: Pose, tick: int, dt_s: float) -> list[Peer]:
+    """Peers at the tick of this robot's frame, as seen from its pose."""
+    ahead = cos(pose.yaw_rad)
+    aside = sin(pose.yaw_rad)
+    found = []
+    for beacon in beacons:
+        age_ticks = tick - beacon.tick
+        there = geometry.advance(beacon.pose, beacon.twist, age_ticks * dt_s)
+        dx_m = there.x_m - pose.x_m
+        dy_m = there.y_m - pose.y_m
+        x_m = ahead * dx_m + aside * dy_m
+        y_m = ahead * dy_m - aside * dx_m
+        speed_mps = beacon.twist.speed_mps
+        found.append(
+            Peer(
+                beacon=beacon,
+                pose=there,
+                velocity=(speed_mps * cos(there.yaw_rad), speed_mps * sin(there.yaw_rad)),
+                offset=(dx_m, dy_m),
+                offset_body=(x_m, y_m),
+                distance_m=geometry.length(dx_m, dy_m),
+                bearing_rad=atan2(y_m, x_m),
+                age_s=age_ticks * dt_s,
+                missed_ticks=max(0, age_ticks - 1),
+            )
+        )
+    return found
+
+
+def is_in_formation(beacon: Beacon) -> bool:
+    """Whether a peer leads or follows; there is one formation in a swarm."""
+    return beacon.slot is not None or beacon.leadership is not None
+
+
+def stands(beacon: Beacon) -> bool:
+    """Whether a peer waits or has nowhere to go, so that others must go round it."""
+    return beacon.arrived or beacon.yields_to is not None or beacon.mode in ("HOLD", "FAILED")
+
+
+def _is_plausible(beacon: Beacon) -> bool:
+    return (
+        max(abs(beacon.pose.x_m), abs(beacon.pose.y_m)) <= COORDINATE_M_MAX
+        and max(abs(beacon.twist.speed_mps), abs(beacon.twist.turn_rate_radps)) <= RATE_MAX
+        and abs(beacon.formation_turn_rate_radps) <= RATE_MAX
+    )

@@ -1,0 +1,118 @@
+"""One robot as a process: fetch the scenario, say ready, answer every frame with a command."""
+
+from __future__ import annotations
+
+import gc
+import math
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from agents import robot
+from swarm import errors, lifetime, messages, zenoh_bus
+from swarm.bus import Bus
+from swarm.geometry import STILL, Pose
+from swarm.messages import COMMAND, FRAME, SensorFrame, Wheels
+from swarm.scenario import RobotSetup
+
+POLL_S = 0.5  # how often an idle robot looks whether anyone is still there
+ABSENCE_S = 1.5  # world and supervisor away for so long: nobody will come back for us
+SETUP_TIMEOUT_S = 15.0
+
+_setup_decoder = msgspec.msgpack.Decoder(RobotSetup)
+
+
+class Arguments(msgspec.Struct, frozen=True):
+    """What a robot needs to be told; everything else it asks the world."""
+
+    run: str
+    endpoint: str
+    name: str
+    incarnation: int = 0
+    tls: Path | None = None
+    log: Path | None = None
+    supervised: bool = False
+
+
+def main(arguments: Arguments) -> int:
+    """Run one robot until the world or the supervisor is gone, or somebody asks it to stop."""
+    stop = lifetime.Stop()
+    lifetime.adopt(arguments.name, arguments.log, stop, supervised=arguments.supervised)
+    try:
+        bus = zenoh_bus.open_client(
+            arguments.run, arguments.endpoint, name=arguments.name, tls=arguments.tls, leaf=True
+        )
+    except errors.SwarmError as error:
+        print(f"swarm-{arguments.name}: {error}", file=sys.stderr, flush=True)
+        return error.exit_code
+    try:
+        stop.wake = bus.wake
+        shell = RobotShell(bus, ask_setup(bus, arguments.name), arguments.incarnation)
+        shell.loop(stop)
+    except errors.SwarmError as error:
+        if stop.reason is None:
+            print(f"swarm-{arguments.name}: {error}", file=sys.stderr, flush=True)
+            return error.exit_code
+    finally:
+        bus.close()
+    print(f"swarm-{arguments.name}: {stop.reason}", file=sys.stderr, flush=True)
+    return 0
+
+
+def ask_setup(bus: Bus, name: str) -> RobotSetup:
+    """This robot's part of the scenario; raises BusError or MessageError."""
+    reply = bus.ask(messages.SCENARIO, messages.ScenarioRequest(name), SETUP_TIMEOUT_S)
+    if not reply.ok:
+        raise errors.BusError(f"scenario for {name}: {reply.text}")
+    try:
+        return _setup_decoder.decode(reply.body)
+    except msgspec.DecodeError as error:
+        raise errors.MessageError(f"scenario for {name}: {error}") from error
+
+
+class RobotShell:
+    """Keeps the State of one robot between frames."""
+
+    def __init__(self, bus: Bus, setup: RobotSetup, incarnation: int = 0) -> None:
+        self._bus = bus
+        self._setup = setup
+        self._state = robot.init(setup, incarnation)
+        self._tick = -1
+        robot.step(setup, self._state, _warm_up_frame(setup))  # first calls are slow ones
+        bus.subscribe(FRAME, setup.robot.name, newest=setup.clock.mode == "realtime")
+        bus.announce("robot", setup.robot.name)  # last: who sees it may send frames
+
+    def loop(self, stop: lifetime.Stop) -> None:
+        """Answer frames until told to stop."""
+        absence = lifetime.Absence(self._bus, ABSENCE_S)
+        gc.collect()
+        gc.freeze()  # what start-up made stays; the collector need not look at it again
+        while stop.reason is None:
+            delivery = self._bus.receive(POLL_S)
+            if delivery is not None:
+                self._answer(delivery.message)
+            elif absence.lasts(time.monotonic()):
+                stop.request("world and supervisor are gone")
+
+    def work(self) -> None:
+        """Answer what has arrived, for a bus without threads."""
+        while (delivery := self._bus.receive(0.0)) is not None:
+            self._answer(delivery.message)
+
+    def _answer(self, frame: SensorFrame) -> None:
+        if frame.tick <= self._tick:
+            return  # duplicated or out of order
+        self._tick = frame.tick
+        self._state, command = robot.step(self._setup, self._state, frame)
+        self._bus.publish(COMMAND, command, command.robot)
+
+
+def _warm_up_frame(setup: RobotSetup) -> SensorFrame:
+    name = setup.robot.name
+    ranges = np.full(setup.sensor.beams, math.inf, dtype=np.float32)
+    ranges[::3] = 0.5 * setup.sensor.range_m
+    start = Pose(*setup.robot.start)
+    return SensorFrame(name, 0, 0, start, STILL, Wheels(0.0, 0.0), False, messages.array(ranges))

@@ -1,0 +1,79 @@
+"""How a process of the swarm is born, named, asked to stop, and when it ends by itself.
+
+A child of the supervisor lives in a session of its own (Ctrl-C reaches the supervisor alone, which
+then asks everyone to stop), carries its name where `pgrep` looks, writes to its own log file, and
+is told by the kernel when its forkserver, and with it the supervisor, is gone.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import setproctitle
+
+from swarm.bus import Bus
+
+PR_SET_PDEATHSIG = 1  # prctl(2)
+
+
+class Stop:
+    """A request to stop, made by a signal, a query or a dead supervisor."""
+
+    def __init__(self) -> None:
+        self.reason: str | None = None
+        self.wake: Callable[[], None] = lambda: None  # ends a blocked receive
+
+    def request(self, reason: str) -> None:
+        """Ask; the first reason counts."""
+        if self.reason is None:
+            self.reason = reason
+        self.wake()
+
+
+def adopt(name: str, log: Path | None, stop: Stop, *, supervised: bool) -> None:
+    """Become the process `name`: title, log file, session, signals."""
+    setproctitle.setproctitle(f"swarm-{name}")
+    if log is not None:
+        descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os.dup2(descriptor, 1)
+        os.dup2(descriptor, 2)
+        os.close(descriptor)
+    signal.signal(signal.SIGTERM, lambda *_: stop.request("asked to stop by SIGTERM"))
+    if supervised:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        os.setsid()
+        parent = os.getppid()
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() != parent:
+            stop.request("the supervisor is gone")
+    else:
+        signal.signal(signal.SIGINT, lambda *_: stop.request("interrupted"))
+
+
+class Absence:
+    """Notices that the supervisor's token, once seen, has been away for too long."""
+
+    def __init__(self, bus: Bus, timeout_s: float) -> None:
+        self._bus = bus
+        self._timeout_s = timeout_s
+        self._seen = False
+        self._since_s: float | None = None
+
+    def lasts(self, now_s: float) -> bool:
+        """Whether supervisor and world have both been away for `timeout_s`."""
+        roles = {role for role, _ in self._bus.alive()}
+        if "supervisor" in roles:
+            self._seen = True
+        if not self._seen or "supervisor" in roles or "world" in roles:
+            self._since_s = None
+            return False
+        if self._since_s is None:
+            self._since_s = now_s
+        return now_s - self._since_s >= self._timeout_s

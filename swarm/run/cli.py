@@ -1,0 +1,616 @@
+"""The command line: every verb of `swarm`, its flags, and what its exit code means.
+
+    0  it worked      1  the run failed, or a threshold was broken
+    2  a flag, a name or a file is wrong      130  interrupted
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.metadata
+import importlib.resources
+import os
+import platform
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import setproctitle
+import tomli_w
+import typer
+from typer import Argument, Option
+
+from swarm import errors, lifetime, messages, metrics, recording, runs, zenoh_bus
+from swarm import scenario as scenarios
+from swarm.run import front, supervisor
+
+BUILT_IN = "world.scenarios"
+STOP_TIMEOUT_S = 10.0
+ASK_TIMEOUT_S = 2.0
+
+app = typer.Typer(
+    name="swarm",
+    help=(
+        "Robot swarms as real processes: run them, watch them, break them, replay them.\n\n"
+        "Start with:  swarm run two-obstacles"
+    ),
+    no_args_is_help=True,
+    add_completion=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Exit codes: 0 ok, 1 run failed or threshold broken, 2 usage, 130 interrupted.",
+)
+
+Json = Annotated[bool, Option("--json", help="Print one JSON object on standard output.")]
+Run = Annotated[Path, Argument(metavar="RUN", help="A run's folder, or its run.mcap.")]
+RunId = Annotated[str | None, Option("--run", metavar="ID", help="Which one, if several run.")]
+
+
+def main() -> None:
+    """Entry point of `swarm`."""
+    code = 0
+    try:
+        app()
+    except errors.SwarmError as error:
+        front.say(f"swarm: {error}")
+        code = error.exit_code
+    except KeyboardInterrupt:
+        code = 130
+    except BrokenPipeError:  # `swarm ... | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    raise SystemExit(code)
+
+
+# --- scenarios ----------------------------------------------------------------------------------
+
+
+def built_in() -> dict[str, Any]:
+    """Name -> resource of every built-in scenario."""
+    folder = importlib.resources.files(BUILT_IN)
+    return {
+        resource.name.removesuffix(".toml"): resource
+        for resource in sorted(folder.iterdir(), key=lambda one: one.name)
+        if resource.name.endswith(".toml")
+    }
+
+
+def read_scenario(text: str) -> tuple[str, str, bytes]:
+    """(name, where, bytes) of a scenario given by name or file; raises ScenarioError."""
+    known = built_in()
+    if text in known:
+        return text, f"{text}.toml (built in)", known[text].read_bytes()
+    path = Path(text)
+    try:
+        if path.suffix == ".toml" or path.is_file():
+            return path.stem, str(path), path.read_bytes()
+    except OSError as error:
+        raise errors.ScenarioError(
+            f"{path}: expected a file that can be read, got: {error.strerror}"
+        ) from error
+    near = difflib.get_close_matches(text, known, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise errors.ScenarioError(
+        f"scenario: expected one of {', '.join(known)} or a TOML file, got '{text}'{hint}"
+    )
+
+
+@app.command("scenarios")
+def list_scenarios(as_json: Json = False) -> None:
+    """List the built-in scenarios."""
+    rows = []
+    for name, resource in built_in().items():
+        plan = scenarios.decode(resource.read_bytes(), f"{name}.toml")
+        rows.append({"name": name, "robots": len(plan.robots), "title": plan.title})
+    if as_json:
+        _print_json({"scenarios": rows})
+        return
+    for row in rows:
+        print(f"{row['name']:<18} {row['robots']:>3} robots  {row['title']}")
+
+
+@app.command()
+def validate(
+    files: Annotated[list[str], Argument(metavar="FILE...", help="TOML files or built-in names.")],
+    as_json: Json = False,
+) -> None:
+    """Check scenarios without starting anything.
+
+    Example:  swarm validate my.toml two-obstacles
+    """
+    rows = []
+    for text in files:
+        try:
+            name, where, data = read_scenario(text)
+            plan = scenarios.decode(data, where)
+            import world.scene  # drawing random obstacles can fail, too
+
+            world.scene.obstacles(plan)
+            rows.append({"file": text, "ok": True, "name": name, "robots": len(plan.robots)})
+        except errors.ScenarioError as error:
+            rows.append({"file": text, "ok": False, "error": str(error)})
+    if as_json:
+        _print_json({"files": rows})
+    else:
+        for row in rows:
+            print(f"{row['file']}: ok, {row['robots']} robots" if row["ok"] else row["error"])
+    if not all(row["ok"] for row in rows):
+        raise typer.Exit(2)
+
+
+# --- run ----------------------------------------------------------------------------------------
+
+
+@app.command()
+def run(
+    scenario: Annotated[str, Argument(help="A built-in scenario's name, or a TOML file.")],
+    robots: Annotated[int | None, Option(help="How many robots (of a line, or the first N).")] = None,
+    seed: Annotated[int | None, Option(help="Another seed than the scenario's.")] = None,
+    duration: Annotated[float | None, Option(help="Simulated seconds, then it is over.")] = None,
+    settings: Annotated[
+        list[str] | None, Option("--set", metavar="PATH=VALUE", help="Change a tunable.")
+    ] = None,
+    clock: Annotated[
+        Literal["lockstep", "realtime"] | None,
+        Option(help="Lock-step waits for every robot and repeats exactly."),
+    ] = None,
+    rate: Annotated[
+        float | None, Option(help="x real time; 0: as fast as it goes. With a viewer: 1.")
+    ] = None,
+    bus: Annotated[
+        Literal["zenoh", "memory"], Option(help="Memory: the same swarm in one process.")
+    ] = "zenoh",
+    fault: Annotated[
+        list[str] | None,
+        Option(metavar="SPEC", help="kind:target@start_s, such as kill:robot3@9.6"),
+    ] = None,
+    view: Annotated[
+        Literal["none", "web", "native"], Option(help="Watch it live in Rerun.")
+    ] = "none",
+    out: Annotated[Path | None, Option(metavar="DIR", help="Folder of the run.")] = None,
+    as_json: Json = False,
+    quiet: Annotated[bool, Option("--quiet", "-q", help="No progress.")] = False,
+    stop_after: Annotated[
+        float | None, Option(metavar="S", help="Wall seconds, then stop with exit code 1.")
+    ] = None,
+    dry_run: Annotated[bool, Option("--dry-run", help="Print what would run, and stop.")] = False,
+    router: Annotated[
+        str | None, Option(metavar="ENDPOINT", help="Use this Zenoh router, not the world's own.")
+    ] = None,
+    tls: Annotated[
+        Path | None, Option(metavar="DIR", help="ca.pem and NAME.pem, NAME.key of every process.")
+    ] = None,
+) -> None:
+    """Launch the world and its robots, watch them, and report.
+
+    Examples:
+
+      swarm run two-obstacles
+      swarm run two-obstacles --view web --rate 1
+      swarm run two-obstacles --fault kill:robot3@9.6
+      swarm run my.toml --set field.k_e=1.0 --seed 3 --json
+    """
+    name, where, data = read_scenario(scenario)
+    changes = list(settings or [])
+    if clock is not None:
+        changes.append(f'clock.mode="{clock}"')
+    if rate is None and view != "none":
+        changes.insert(0, "clock.rate=1.0")
+    elif rate is not None:
+        changes.append(f"clock.rate={rate}")
+    plan = scenarios.decode(
+        data,
+        where,
+        settings=changes,
+        faults=fault or [],
+        robots=robots,
+        seed=seed,
+        duration_s=duration,
+    )
+    _check_scene(plan)
+    _check_flags(plan, bus, view, router, tls)
+    toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
+    if dry_run:
+        if as_json:
+            _print_json(scenarios.to_builtins(plan))
+        else:
+            print(toml.decode(), end="")
+        return
+    setproctitle.setproctitle("swarm-run")
+    folder = runs.new_folder(out, name)
+    try:
+        (folder / runs.SCENARIO).write_bytes(toml)
+    except OSError as error:
+        raise errors.UsageError(
+            f"{folder}: expected room for a file, got: {error.strerror}"
+        ) from error
+    watcher = supervisor.Watcher() if quiet else front.Progress()
+    problem = None
+    try:
+        if bus == "memory":
+            summary, interrupted = _run_in_memory(plan, name, toml, folder, watcher, stop_after)
+        else:
+            ending = supervisor.supervise(
+                supervisor.Plan(
+                    scenario=plan,
+                    scenario_toml=toml,
+                    name=name,
+                    folder=folder,
+                    router=router,
+                    tls=tls,
+                    view=view,
+                    stop_after_s=stop_after,
+                ),
+                watcher,
+            )
+            interrupted, problem = ending.interrupted, ending.problem
+            summary = _summary_of(folder, name, "zenoh")
+    finally:
+        watcher.close()
+    _report(summary, folder, as_json, problem, interrupted, stop_after)
+
+
+def _check_scene(plan: scenarios.Scenario) -> None:
+    from world import scene  # obstacles that do not fit are the scenario's fault
+
+    scene.obstacles(plan)
+
+
+def _check_flags(
+    plan: scenarios.Scenario, bus: str, view: str, router: str | None, tls: Path | None
+) -> None:
+    if bus == "memory":
+        if plan.clock.mode == "realtime":
+            raise errors.UsageError(
+                "--bus memory: expected --clock lockstep, got realtime; one process has no lateness "
+                "to show, use --rate 1 to pace it"
+            )
+        if view != "none" or router is not None or tls is not None:
+            raise errors.UsageError(
+                "--bus memory: expected no --view, --router or --tls: nothing leaves the process"
+            )
+    if view == "native" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise errors.UsageError(
+            "--view native: expected a display (DISPLAY or WAYLAND_DISPLAY), got none; "
+            "use --view web, or open run.rrd on a machine that has one"
+        )
+    if tls is not None:
+        names = ["world", "supervisor", *(robot.name for robot in plan.robots)]
+        wanted = ["ca.pem", *(f"{name}{end}" for name in names for end in (".pem", ".key"))]
+        missing = [name for name in wanted if not (tls / name).is_file()]
+        if missing:
+            raise errors.UsageError(
+                f"--tls {tls}: expected ca.pem and NAME.pem, NAME.key for every process, "
+                f"got no {', '.join(missing[:4])}{' ...' if len(missing) > 4 else ''}"
+            )
+
+
+def _run_in_memory(
+    plan: scenarios.Scenario,
+    name: str,
+    toml: bytes,
+    folder: Path,
+    watcher: supervisor.Watcher,
+    stop_after_s: float | None,
+) -> tuple[metrics.Summary, bool]:
+    from swarm.run import lockstep
+
+    stop = lifetime.Stop()
+    interrupted: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        interrupted.append(number)
+        stop.request("interrupted")
+
+    due_s = time.monotonic() + stop_after_s if stop_after_s is not None else None
+
+    def on_status(status: messages.Status) -> None:
+        watcher.status(status)
+        if due_s is not None and time.monotonic() >= due_s:
+            stop.request("stopped by --stop-after")
+
+    previous = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        card = runs.card_of(runs.run_id(folder), name, "memory", folder)
+        watcher.started(card, None)
+        return lockstep.record(plan, name, toml, folder, stop, on_status), bool(interrupted)
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _summary_of(folder: Path, name: str, bus: str) -> metrics.Summary:
+    """Summary the world wrote; when it could not, what its recording still tells."""
+    path = folder / runs.SUMMARY
+    if path.is_file():
+        return msgspec.json.decode(path.read_bytes(), type=metrics.Summary)
+    plan = scenarios.decode((folder / runs.SCENARIO).read_bytes(), str(folder / runs.SCENARIO))
+    score = metrics.begin(plan)
+    kept = 0
+    if (folder / runs.MCAP).is_file():
+        for record in recording.read(folder / runs.MCAP).ticks:
+            if record.tick != score.tick + 1:
+                break
+            metrics.observe(score, record)
+            kept += 1
+    facts = metrics.Facts(scenario=name, run=runs.run_id(folder), bus=bus, clock=plan.clock.mode)
+    summary = msgspec.structs.replace(metrics.summary(score, facts), outcome="failed")
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(summary)))
+    return summary
+
+
+def _report(
+    summary: metrics.Summary,
+    folder: Path,
+    as_json: bool,
+    problem: str | None,
+    interrupted: bool,
+    stop_after_s: float | None,
+) -> None:
+    """Print the outcome and exit with its code, naming all that failed."""
+    if as_json:
+        sys.stdout.buffer.write(msgspec.json.encode(summary) + b"\n")
+        sys.stdout.flush()
+    else:
+        front.show_summary(summary, str(folder))
+    failed = [problem] if problem else []
+    if summary.outcome != "succeeded":
+        failed.append(f"outcome: expected succeeded, got {summary.outcome}")
+    failed += [f"missed: {text}" for text in summary.expect.missed]
+    if summary.recording is not None and summary.recording.lost:
+        failed.append(f"recording: {summary.recording.lost} messages lost, see swarm verify")
+    if stop_after_s is not None and summary.outcome != "succeeded":
+        failed.append(f"stopped by --stop-after {stop_after_s:g}")
+    for text in failed:
+        front.say(f"swarm: {text}")
+    if interrupted:
+        front.say("swarm: interrupted; the recording is complete up to here")
+        raise typer.Exit(130)
+    if failed:
+        raise typer.Exit(1)
+
+
+# --- what runs now ------------------------------------------------------------------------------
+
+
+def _pick(run_id: str | None) -> runs.Card:
+    cards = runs.running()
+    if run_id is not None:
+        matching = [card for card in cards if card.run == run_id]
+    else:
+        matching = cards
+    if len(matching) == 1:
+        return matching[0]
+    known = ", ".join(card.run for card in cards) or "none"
+    if not matching:
+        wanted = f"the run '{run_id}'" if run_id else "a running swarm"
+        raise errors.SwarmError(f"expected {wanted}, got: {known}")
+    raise errors.UsageError(f"expected --run with one of the swarms that run: {known}")
+
+
+def _ask(card: runs.Card, action: Literal["status", "stop"]) -> messages.Status:
+    with_bus = zenoh_bus.open_client(
+        card.run, card.endpoint, name="supervisor", connect_timeout_s=ASK_TIMEOUT_S
+    )
+    try:
+        reply = with_bus.ask(messages.CONTROL, messages.ControlRequest(action), ASK_TIMEOUT_S)
+        return msgspec.msgpack.decode(reply.body, type=messages.Status)
+    except msgspec.DecodeError as error:
+        raise errors.BusError(f"{card.run}: expected a status, got: {error}") from error
+    finally:
+        with_bus.close()
+
+
+@app.command()
+def status(run_id: RunId = None, as_json: Json = False) -> None:
+    """Show the swarms that run now. Exit code 1 when there is none.
+
+    Example:  swarm status --json
+    """
+    cards = runs.running() if run_id is None else [_pick(run_id)]
+    if not cards and not as_json:
+        raise errors.SwarmError("expected a running swarm, got none")
+    rows = []
+    for card in cards:
+        try:
+            rows.append((card, _ask(card, "status")))
+        except errors.BusError as error:
+            front.say(f"swarm: {card.run}: {error}")
+    if as_json:
+        _print_json({"runs": [{"card": card, "status": answer} for card, answer in rows]})
+    else:
+        for card, answer in rows:
+            print(f"{card.run}  pid {card.pid}  {card.endpoint}  {card.folder}")
+            front.show_status(answer)
+    if not rows:
+        raise typer.Exit(1)
+
+
+@app.command()
+def stop(run_id: RunId = None, as_json: Json = False) -> None:
+    """Stop a running swarm; its recording is completed.
+
+    Example:  swarm stop --run 20260101T120000Z-two-obstacles
+    """
+    card = _pick(run_id)
+    _ask(card, "stop")
+    deadline_s = time.monotonic() + STOP_TIMEOUT_S
+    while runs.is_alive(card):
+        if time.monotonic() >= deadline_s:
+            raise errors.SwarmError(
+                f"{card.run}: expected it to end within {STOP_TIMEOUT_S:g} s, "
+                f"got pid {card.pid} that still runs; end it with kill {card.pid}"
+            )
+        time.sleep(0.05)
+    if as_json:
+        _print_json({"run": card.run, "stopped": True})
+    else:
+        print(f"{card.run}: stopped")
+
+
+# --- recordings ---------------------------------------------------------------------------------
+
+
+@app.command()
+def verify(
+    path: Run,
+    repair: Annotated[bool, Option("--repair", help="Write a good file; keep the old one.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Check a recording: is it whole, undamaged, without a gap? Exit code 1 when not.
+
+    Example:  swarm verify runs/20260101T120000Z-two-obstacles --repair
+    """
+    target = runs.recording(path)
+    repaired = recording.repair(target) if repair else None
+    verdict = recording.verify(target)
+    if as_json:
+        _print_json({"verdict": verdict, "repair": repaired})
+    else:
+        for line in (*(repaired.text if repaired is not None else ()), *verdict.text):
+            print(line)
+    if not verdict.ok:
+        raise typer.Exit(1)
+
+
+@app.command("replay")
+def replay_(
+    path: Run,
+    robot: Annotated[str | None, Option(help="Only this one.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Run every robot again on its recorded frames; exit code 1 when one does something else.
+
+    Example:  swarm replay runs/20260101T120000Z-two-obstacles --robot robot3
+    """
+    from swarm.run import replay
+
+    found = replay.replay(runs.recording(path), robot)
+    if as_json:
+        _print_json(found)
+    else:
+        print(f"{found.ticks} ticks, {found.commands} commands replayed")
+        if found.cut:
+            print("the recording is cut: replayed up to there")
+        if found.state_hash is not None:
+            print(f"state hash {found.state_hash}")
+        if found.difference is not None:
+            where = found.difference
+            print(f"tick {where.tick}: {where.robot}: {where.field}")
+            print(f"  recorded {where.recorded}\n  replayed {where.replayed}")
+        print("equal" if found.ok else "DIFFERENT")
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+# --- by hand, and about -------------------------------------------------------------------------
+
+
+@app.command("world")
+def world_(
+    scenario: Annotated[str, Argument(help="A built-in scenario's name, or a TOML file.")],
+    listen: Annotated[str, Option(help="Endpoint of the router inside.")] = "tcp/127.0.0.1:7447",
+    router: Annotated[str | None, Option(metavar="ENDPOINT", help="Use this router instead.")] = None,
+    run_name: Annotated[str | None, Option("--run", metavar="ID", help="Id of the run.")] = None,
+    out: Annotated[Path | None, Option(metavar="DIR", help="Folder of the run.")] = None,
+    settings: Annotated[
+        list[str] | None, Option("--set", metavar="PATH=VALUE", help="Change a tunable.")
+    ] = None,
+    robots: Annotated[int | None, Option(help="How many robots.")] = None,
+    tls: Annotated[Path | None, Option(metavar="DIR", help="Certificates.")] = None,
+) -> None:
+    """Run one world by hand; robots join with `swarm robot`.
+
+    Example:  swarm world two-obstacles --run test --listen tcp/127.0.0.1:7447
+    """
+    import world.process
+
+    name, where, data = read_scenario(scenario)
+    plan = scenarios.decode(data, where, settings=settings or [], robots=robots)
+    _check_scene(plan)
+    toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
+    folder = runs.new_folder(out, name)
+    (folder / runs.SCENARIO).write_bytes(toml)
+    endpoint = router or listen
+    run_id = run_name or runs.run_id(folder)
+    front.say(f"swarm-world: run {run_id} on {endpoint}, waiting for {len(plan.robots)} robots")
+    arguments = world.process.Arguments(
+        run=run_id,
+        name=name,
+        scenario_toml=toml,
+        endpoint=endpoint,
+        folder=folder,
+        external_router=router is not None,
+        tls=tls,
+    )
+    with runs.posted(runs.card_of(run_id, name, endpoint, folder), folder):
+        code = world.process.main(arguments)
+    if code != 0:
+        raise typer.Exit(1)
+    _report(_summary_of(folder, name, "zenoh"), folder, False, None, False, None)
+
+
+@app.command("robot")
+def robot_(
+    name: Annotated[str, Argument(help="Its name in the scenario.")],
+    connect: Annotated[str, Option(help="The router's endpoint.")] = "tcp/127.0.0.1:7447",
+    run_id: Annotated[str | None, Option("--run", metavar="ID", help="Id of the run.")] = None,
+    incarnation: Annotated[int, Option(min=0, help="How often it was started before.")] = 0,
+    tls: Annotated[Path | None, Option(metavar="DIR", help="Certificates.")] = None,
+) -> None:
+    """Run one robot by hand, here or on another host; it asks the world for its scenario.
+
+    Example:  swarm robot robot3 --run test --connect tcp/127.0.0.1:7447
+    """
+    import agents.process
+
+    if run_id is None:
+        card = _pick(None)
+        run_id, connect = card.run, card.endpoint
+    arguments = agents.process.Arguments(
+        run=run_id, endpoint=connect, name=name, incarnation=incarnation, tls=tls
+    )
+    code = agents.process.main(arguments)
+    if code != 0:
+        raise typer.Exit(code)
+
+
+@app.command()
+def bench(
+    names: Annotated[list[str] | None, Argument(metavar="[NAME]...", help="Which ones.")] = None,
+    tiny: Annotated[bool, Option("--tiny", help="Smallest sizes, to see that all of it runs.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Measure what a swarm costs, as ratios within one run.
+
+    Example:  swarm bench barrier step
+    """
+    from swarm.run import bench as benchmarks
+
+    found = benchmarks.run(names or [], tiny=tiny, progress=front.say)
+    if as_json:
+        _print_json(found)
+    else:
+        benchmarks.show(found)
+    if not all(row.ok for row in found.rows):
+        raise typer.Exit(1)
+
+
+@app.command()
+def version(as_json: Json = False) -> None:
+    """Print the versions of everything that matters."""
+    names = ("msam-swarm", "eclipse-zenoh", "rerun-sdk", "mcap", "numpy", "msgspec")
+    rows = {name: importlib.metadata.version(name) for name in names}
+    rows["python"] = platform.python_version()
+    if as_json:
+        _print_json(rows)
+    else:
+        for name, number in rows.items():
+            print(f"{name:<14} {number}")
+
+
+def _print_json(value: Any) -> None:
+    sys.stdout.buffer.write(msgspec.json.encode(value) + b"\n")
+    sys.stdout.flush()

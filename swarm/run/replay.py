@@ -1,0 +1,162 @@
+"""Every robot again: recorded frames through `robot.step`, compared with the recorded commands.
+
+A robot's step is pure, so on the same machine and lock file every command comes out equal to the
+bit. The world's truth of each tick, joined with the commands computed anew, gives a state hash of
+its own, which must be that of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from agents import robot
+from swarm import errors, metrics, recording, scenario
+from swarm.messages import Beacon, Command, SensorFrame, TickRecord
+from swarm.scenario import RobotSetup, Scenario
+from world import simulation
+
+FRAMES_KEPT = 1000  # ticks; in real time a command names an older frame, never one so old
+
+
+class Difference(msgspec.Struct, frozen=True):
+    """The first place where a replayed robot did something else."""
+
+    tick: int
+    robot: str
+    field: str
+    recorded: str
+    replayed: str
+
+
+class Replay(msgspec.Struct, frozen=True):
+    """What a replay found."""
+
+    ok: bool
+    ticks: int
+    commands: int
+    state_hash: str | None  # of the replayed commands; None in real time or for one robot only
+    recorded_hash: str | None
+    difference: Difference | None
+    cut: bool  # the recording ends in the middle
+
+
+class _Player(msgspec.Struct):
+    """One robot being replayed."""
+
+    setup: RobotSetup
+    state: robot.State
+    frames: dict[int, SensorFrame] = {}
+
+
+def replay(path: Path, only: str | None = None) -> Replay:
+    """Replay a recording, or one robot of it.
+
+    Raises RecordingError when it cannot be read, UsageError when `only` is not in it.
+    """
+    source = recording.read(path)
+    plan = scenario.decode(source.scenario_toml, f"{path}: {recording.SCENARIO_NAME}")
+    names = [row.name for row in plan.robots]
+    if only is not None and only not in names:
+        raise errors.UsageError(f"--robot: expected one of {', '.join(names)}, got '{only}'")
+    players = {
+        name: _Player(plan.setup(name), robot.init(plan.setup(name)), {})
+        for name in names
+        if only in (None, name)
+    }
+    recorded, replayed = metrics.begin(plan), metrics.begin(plan)
+    ticks = commands = 0
+    difference = None
+    for record, frames in _with_frames(plan, source.ticks):
+        for frame in frames:
+            if frame.robot in players:
+                player = players[frame.robot]
+                player.frames[frame.tick] = frame
+                player.frames.pop(frame.tick - FRAMES_KEPT, None)
+        answers = {}
+        for command in record.commands:
+            if command.robot in players:
+                answer = _answer(players[command.robot], command)
+                answers[command.robot] = answer
+                commands += 1
+                if difference is None and answer != command:
+                    difference = _difference(record.tick, command, answer)
+        ticks += 1
+        if only is None and plan.clock.mode == "lockstep":
+            metrics.observe(recorded, record)
+            metrics.observe(replayed, _with_answers(record, names, answers))
+    hashes = [None, None]
+    if only is None and plan.clock.mode == "lockstep":
+        hashes = [score.hash.hexdigest() for score in (recorded, replayed)]
+    return Replay(
+        ok=difference is None and hashes[0] == hashes[1] and ticks > 0,
+        ticks=ticks,
+        commands=commands,
+        state_hash=hashes[1],
+        recorded_hash=hashes[0],
+        difference=difference,
+        cut=source.cut,
+    )
+
+
+def _with_frames(
+    plan: Scenario, ticks: Iterator[TickRecord]
+) -> Iterator[tuple[TickRecord, list[SensorFrame]]]:
+    """Each tick with its frames as they were sent, beacons and all."""
+    beacons: dict[tuple[int, int], Beacon] = {}
+    rows = {row.name: number for number, row in enumerate(plan.robots)}
+    for record in ticks:
+        frames = [
+            simulation.frame_of(plan, frame, record.tick, record.stamp_ns, beacons)
+            for frame in record.frames
+        ]
+        for command in record.commands:
+            beacons[(rows[command.robot], command.beacon.tick)] = command.beacon
+        yield record, frames
+
+
+def _answer(player: _Player, command: Command) -> Command:
+    """The robot's command to the frame that the recorded one names."""
+    frame = player.frames.get(command.tick)
+    if frame is None:
+        raise errors.RecordingError(
+            f"tick {command.tick}: expected the frame that {command.robot} answered, got none"
+        )
+    player.state, answer = robot.step(player.setup, player.state, frame)
+    return answer
+
+
+def _with_answers(
+    record: TickRecord, names: list[str], answers: dict[str, Command]
+) -> TickRecord:
+    robots = tuple(
+        truth
+        if name not in answers
+        else msgspec.structs.replace(
+            truth, applied=answers[name].set_point, beacon=answers[name].beacon
+        )
+        for name, truth in zip(names, record.robots, strict=True)
+    )
+    return msgspec.structs.replace(record, robots=robots, commands=tuple(answers.values()))
+
+
+def _difference(tick: int, recorded: Command, replayed: Command) -> Difference:
+    field, one, other = _first_difference("command", recorded, replayed)
+    return Difference(tick, recorded.robot, field, repr(one)[:200], repr(other)[:200])
+
+
+def _first_difference(path: str, one: Any, other: Any) -> tuple[str, Any, Any]:
+    if isinstance(one, msgspec.Struct) and type(one) is type(other):
+        for name in one.__struct_fields__:
+            if getattr(one, name) != getattr(other, name):
+                return _first_difference(
+                    f"{path}.{name}", getattr(one, name), getattr(other, name)
+                )
+    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+        for number, (left, right) in enumerate(zip(one, other, strict=True)):
+            if left != right:
+                return _first_difference(f"{path}[{number}]", left, right)
+    return path, one, other

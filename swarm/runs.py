@@ -1,0 +1,155 @@
+"""Runs on disk: a folder for each, and where a running one can be found.
+
+    runs/<UTC time>-<scenario>/    run.mcap run.rrd scenario.toml summary.json run.json logs/
+    <runtime folder>/<run>.json    the same run.json, while it runs, for status, stop, ...
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import msgspec
+import psutil
+
+from swarm import errors
+
+MCAP = "run.mcap"
+RRD = "run.rrd"
+SCENARIO = "scenario.toml"
+SUMMARY = "summary.json"
+LOGS = "logs"
+CARD = "run.json"
+
+
+class Card(msgspec.Struct, frozen=True):
+    """How to reach a running swarm."""
+
+    run: str
+    scenario: str
+    pid: int
+    started_s: float  # creation time of the process, so that a pid used again is recognised
+    endpoint: str
+    folder: str
+
+
+def new_folder(out: Path | None, scenario: str) -> Path:
+    """Make the folder of a run; its name is the run's id.
+
+    Raises UsageError when it cannot be written or holds a run already.
+    """
+    if out is not None:
+        folder = out.absolute()
+        if (folder / MCAP).exists() or (folder / SUMMARY).exists():
+            raise errors.UsageError(
+                f"--out {out}: expected a folder without a run in it, got one with {MCAP}; "
+                "choose another or remove it"
+            )
+        return _make(folder, exist_ok=True)
+    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    base = Path("runs").absolute() / f"{stamp}-{scenario}"
+    for number in range(1, 1000):
+        folder = base if number == 1 else base.with_name(f"{base.name}-{number}")
+        with contextlib.suppress(FileExistsError):
+            return _make(folder, exist_ok=False)
+    raise errors.UsageError(f"{base}: expected a free name for a run, got 999 taken ones")
+
+
+def _make(folder: Path, *, exist_ok: bool) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=exist_ok)
+        (folder / LOGS).mkdir(exist_ok=True)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise PermissionError(13, "Permission denied")
+    except FileExistsError:
+        if exist_ok or not folder.is_dir():
+            raise errors.UsageError(f"{folder}: expected a folder, got a file") from None
+        raise
+    except OSError as error:
+        raise errors.UsageError(
+            f"{folder}: expected a folder that can be written, got: {error.strerror}; "
+            "choose another with --out"
+        ) from error
+    return folder
+
+
+def run_id(folder: Path) -> str:
+    """Id of the run in a folder: its name, as far as a key may carry it."""
+    kept = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in folder.name)
+    return (kept.encode("ascii", "replace").decode().replace("?", "-").lstrip("-_") or "run")[:96]
+
+
+def recording(run: Path) -> Path:
+    """MCAP of a RUN given as folder or file; raises UsageError when there is none."""
+    path = run / MCAP if run.is_dir() else run
+    if not path.is_file():
+        raise errors.UsageError(
+            f"{run}: expected a run's folder or its recording, got "
+            f"{'a folder without ' + MCAP if run.is_dir() else 'nothing there'}"
+        )
+    return path
+
+
+# --- finding what runs --------------------------------------------------------------------------
+
+
+def runtime_folder() -> Path:
+    """The user's folder for cards of running swarms."""
+    base = os.environ.get("XDG_RUNTIME_DIR")
+    if base and os.access(base, os.W_OK):
+        return Path(base) / "msam-swarm"
+    return Path(tempfile.gettempdir()) / f"msam-swarm-{os.getuid()}"
+
+
+@contextlib.contextmanager
+def posted(card: Card, folder: Path | None):  # type: ignore[no-untyped-def]
+    """Post a card while the body runs."""
+    data = msgspec.json.format(msgspec.json.encode(card))
+    places = [runtime_folder() / f"{card.run}.json"]
+    if folder is not None:
+        places.append(folder / CARD)
+    with contextlib.suppress(OSError):  # a run that cannot be found by others is still a run
+        places[0].parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for place in places:
+            place.write_bytes(data)
+    try:
+        yield
+    finally:
+        for place in places:
+            with contextlib.suppress(OSError):
+                place.unlink(missing_ok=True)
+
+
+def card_of(run: str, scenario: str, endpoint: str, folder: Path | None) -> Card:
+    """Card of this process."""
+    started_s = psutil.Process().create_time()
+    return Card(run, scenario, os.getpid(), started_s, endpoint, str(folder or ""))
+
+
+def running() -> list[Card]:
+    """Cards of the swarms that run now, oldest first; stale ones are removed."""
+    cards = []
+    for path in sorted(runtime_folder().glob("*.json")):
+        try:
+            card = msgspec.json.decode(path.read_bytes(), type=Card)
+        except (OSError, msgspec.DecodeError):
+            continue
+        if is_alive(card):
+            cards.append(card)
+        else:
+            with contextlib.suppress(OSError):
+                path.unlink()
+    return sorted(cards, key=lambda card: card.started_s)
+
+
+def is_alive(card: Card) -> bool:
+    """Whether the process that posted a card still runs."""
+    try:
+        process = psutil.Process(card.pid)
+        same = abs(process.create_time() - card.started_s) < 0.5
+        return same and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.Error:
+        return False

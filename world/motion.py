@@ -1,0 +1,62 @@
+"""From a set-point to where the body is one tick later, were it alone in the world.
+
+set-point -> speed and turn-rate limits -> acceleration limits -> wheel rims -> twist -> arc
+
+The wheels are ideal: a body does at once what its limits allow.
+"""
+
+from __future__ import annotations
+
+from swarm.geometry import STILL, Pose, Twist, advance
+from swarm.messages import Wheels
+from swarm.scenario import RobotParameters
+
+
+def step(
+    robot: RobotParameters, pose: Pose, twist: Twist, set_point: Twist, *, dt_s: float
+) -> tuple[Pose, Twist]:
+    """Pose and twist after one tick under a set-point.
+
+    The new twist is reached at once and held for the tick (the paper's 0.08 m step is this at
+    1 m/s), so the way is the exact arc of eq. 7.
+    """
+    if set_point == STILL and twist == STILL:
+        return pose, twist
+    reached = limited(robot, twist, set_point, dt_s=dt_s)
+    return advance(pose, reached, dt_s), reached
+
+
+def limited(robot: RobotParameters, twist: Twist, set_point: Twist, *, dt_s: float) -> Twist:
+    """The twist a body reaches within one tick.
+
+    The rims come last and scale both parts, which keeps the path's curvature: no wheel ever
+    exceeds its speed, and what this takes away only brakes, at worst by the acceleration limit of
+    the axle plus that of a rim on top of the body's own.
+    """
+    speed_mps = _clip(set_point.speed_mps, -robot.speed_mps_reverse_max, robot.speed_mps_max)
+    turn_rate_radps = _clip(
+        set_point.turn_rate_radps, -robot.turn_rate_radps_max, robot.turn_rate_radps_max
+    )
+    change_mps = robot.acceleration_mps2_max * dt_s
+    change_radps = robot.turn_acceleration_radps2_max * dt_s
+    speed_mps = _clip(speed_mps, twist.speed_mps - change_mps, twist.speed_mps + change_mps)
+    turn_rate_radps = _clip(
+        turn_rate_radps,
+        twist.turn_rate_radps - change_radps,
+        twist.turn_rate_radps + change_radps,
+    )
+    rim_mps = abs(speed_mps) + robot.half_track_m * abs(turn_rate_radps)
+    if rim_mps > robot.speed_mps_max:
+        scale = robot.speed_mps_max / rim_mps
+        return Twist(speed_mps * scale, turn_rate_radps * scale)
+    return Twist(speed_mps, turn_rate_radps)
+
+
+def wheels(robot: RobotParameters, twist: Twist) -> Wheels:
+    """Rim speeds of a twist: the inverse of eq. 1 and 2, with the sign of 2 that makes ccw > 0."""
+    rim_mps = robot.half_track_m * twist.turn_rate_radps
+    return Wheels(twist.speed_mps + rim_mps, twist.speed_mps - rim_mps)
+
+
+def _clip(value: float, low: float, high: float) -> float:
+    return low if value < low else high if value > high else value
