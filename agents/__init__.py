@@ -1,12 +1,15 @@
 """One robot.
 
-frame -> msam -> mode, formation, priority -> field | pid -> guard -> command
+frame -> peers, msam -> seek: field, steering | follow: formation, pid -> priority, guard -> command
 
+peers       beacons heard -> where the peers are now
 msam        ranges -> sectors -> arcs (virtual circles)         eq. 17 to 21
 field       arcs, goal, peers -> forces                         eq. 22 to 38
 steering    force -> set-point; gap choice, rotation memory
+seek        a goal of its own: GO, ROUND, ARRIVED
 formation   slot, way-point, bearing switch                     eq. 39 to 46
 pid         adaptive tracking                                   eq. 44, 47 to 64
+follow      a slot: FORM, AVOID
 priority    claims, who yields to whom                          eq. 65, 66
 guard       never faster than can be braked
 robot       all of it in order: the pure step

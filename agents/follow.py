@@ -123,7 +123,7 @@ def step(
     if mode == "FORM":
         if state.mode != "FORM":
             tracking = pid.reset(tracking)
-        tracking, wish = track(setup, tracking, pose, goal, slot, nominal, frozen, elapsed_s)
+        tracking, wish = track(setup, tracking, pose, goal, slot, nominal, frozen)
         direction_rad = None
     else:
         wish = avoid(setup, state, pose, map, others, goal, bearing_now_rad, extended)
@@ -141,21 +141,15 @@ def switch_bearing(
     assert setup.formation is not None
     if map.nearest_m >= reach_m:
         return slot.bearing_rad
-    count = len(map.sectors_m)
-    turn_rad = pose.yaw_rad - goal.heading_rad
-    turn_x, turn_y = cos(turn_rad), sin(turn_rad)
     x_m, y_m = pose.x_m - goal.leader.x_m, pose.y_m - goal.leader.y_m
     ahead, aside = cos(goal.heading_rad), sin(goal.heading_rad)
-    from_m = (x_m * ahead + y_m * aside, y_m * ahead - x_m * aside)
-    points = [
-        (from_m[0] + turn_x * x - turn_y * y, from_m[1] + turn_y * x + turn_x * y)
-        for x, y in msam.cell_points(
-            msam.layout(count, count),
-            map.sectors_m,
-            setup.sensor.range_m / setup.msam.rings,
-            reach_m,
-        )
-    ]
+    points = msam.cell_points(
+        map,
+        setup.sensor.range_m / setup.msam.rings,
+        reach_m,
+        origin=(x_m * ahead + y_m * aside, y_m * ahead - x_m * aside),
+        turn_rad=pose.yaw_rad - goal.heading_rad,
+    )
     return formation.choose_bearing(
         setup.formation,
         slot,
@@ -212,13 +206,16 @@ def track(
     slot: Slot,
     nominal: Vec2,
     frozen: bool,
-    elapsed_s: float,
 ) -> tuple[pid.State, Wish]:
-    """FORM: adaptive PID on the nominal slot."""
+    """FORM: adaptive PID on the nominal slot.
+
+    It learns by one tick per frame, even when frames were missed: the adaptation is stable for
+    short steps only.
+    """
     seen = pid.observe(
         setup.pid, pose, goal.leader, goal.twist, goal.heading_rad, goal.turn_rate_radps, slot
     )
-    tracking, u = pid.step(setup.pid, tracking, seen, elapsed_s, frozen=frozen)
+    tracking, u = pid.step(setup.pid, tracking, seen, setup.dt_s, frozen=frozen)
     speed_mps, turn_rate_radps = pid.invert(setup.pid, seen, u)
     robot = setup.robot
     return tracking, Wish(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
-from math import atan2, ceil, cos, floor, inf, sqrt
+from math import atan2, ceil, cos, floor, inf, sin, sqrt
 
 import msgspec
 import numpy as np
@@ -20,6 +20,11 @@ from swarm import geometry
 from swarm.geometry import TAU, Ranges, Vec2
 from swarm.messages import Arc
 from swarm.scenario import Msam, RobotSetup
+
+# A width of just n times the split angle makes n parts, whatever the last digit says.
+ROUNDING = 1e-9
+# The virtual circle of a wider arc would hold the robot; distances to it are taken at this width.
+CIRCLE_WIDTH_RAD_MAX = 119.0 * TAU / 360.0
 
 
 class Map(msgspec.Struct, frozen=True):
@@ -65,30 +70,36 @@ def update(setup: RobotSetup, ranges_m: Ranges, peers: Iterable[Peer]) -> Map:
         peers: those whose bodies are not obstacles. What stands behind them stays unseen.
     """
     directions = layout(len(ranges_m), setup.msam.sectors)
-    hidden = peer_beams(setup.msam, directions, ranges_m, peers)
+    beams_m: list[float] = ranges_m.tolist()
+    hidden = peer_beams(setup.msam, directions, beams_m, peers)
     if hidden:
+        for beam in hidden:
+            beams_m[beam] = inf
         ranges_m = ranges_m.copy()
         ranges_m[hidden] = inf
-    sectors_m = sector_ranges(
-        ranges_m, setup.msam.sectors, setup.sensor.range_m, setup.sensor.range_m / setup.msam.rings
-    )
+    sectors_m = sector_ranges(ranges_m, setup.msam.sectors, setup.sensor.range_m / setup.msam.rings)
     runs = linked_runs(sectors_m, setup.field.rho_m, setup.msam.link_distance_m)
+    clusters = [_arc(sectors_m, run, 0, 1, 1.0) for run in runs]
+    arcs: list[Arc] = []
+    for run, cluster in zip(runs, clusters, strict=True):
+        arcs += split(sectors_m, run, setup.msam.split_rad, whole=cluster)
     nearest_m = min(sectors_m)
     return Map(
-        beams_m=ranges_m.tolist(),
+        beams_m=beams_m,
         sectors_m=sectors_m,
-        clusters=tuple([_arc(sectors_m, run, 0, 1, 1.0) for run in runs]),
-        arcs=tuple([arc for run in runs for arc in split(sectors_m, run, setup.msam.split_rad)]),
+        clusters=tuple(clusters),
+        arcs=tuple(arcs),
         nearest_m=nearest_m,
         nearest_index=sectors_m.index(nearest_m),
     )
 
 
 def peer_beams(
-    msam: Msam, directions: Layout, ranges_m: Ranges, peers: Iterable[Peer]
+    msam: Msam, directions: Layout, beams_m: list[float], peers: Iterable[Peer]
 ) -> list[int]:
     """Beams whose hit lies on a peer's body, as far as its beacon tells where that is."""
-    beams = len(directions.beam_units)
+    units = directions.beam_units
+    beams = len(units)
     hidden = []
     for peer in peers:
         reach_m = (
@@ -96,36 +107,35 @@ def peer_beams(
             + msam.peer_tolerance_m
             + msam.peer_tolerance_per_missed_tick_m * peer.missed_ticks
         )
+        distance_m = peer.distance_m
         x_m, y_m = peer.offset_body
-        if peer.distance_m > reach_m:
-            beyond_m = sqrt(peer.distance_m * peer.distance_m - reach_m * reach_m)
+        half = beams / 2.0
+        if distance_m > reach_m:
+            beyond_m = sqrt(distance_m * distance_m - reach_m * reach_m)
             half = atan2(reach_m, beyond_m) / directions.beam_rad
-        else:
-            half = beams / 2.0
         middle = peer.bearing_rad / directions.beam_rad + (beams - 1) / 2.0
         first = ceil(middle - half)
+        near_m, far_m, reach2_m2 = distance_m - reach_m, distance_m + reach_m, reach_m * reach_m
         for index in range(first, min(floor(middle + half), first + beams - 1) + 1):
             beam = index % beams
-            range_m = float(ranges_m[beam])
-            if range_m - peer.distance_m > reach_m:
-                continue
-            dx_m = range_m * directions.beam_units[beam][0] - x_m
-            dy_m = range_m * directions.beam_units[beam][1] - y_m
-            if dx_m * dx_m + dy_m * dy_m <= reach_m * reach_m:
-                hidden.append(beam)
+            range_m = beams_m[beam]
+            if near_m <= range_m <= far_m:
+                unit = units[beam]
+                dx_m = range_m * unit[0] - x_m
+                dy_m = range_m * unit[1] - y_m
+                if dx_m * dx_m + dy_m * dy_m <= reach2_m2:
+                    hidden.append(beam)
     return hidden
 
 
-def sector_ranges(ranges_m: Ranges, sectors: int, range_m: float, ring_m: float) -> list[float]:
+def sector_ranges(ranges_m: Ranges, sectors: int, ring_m: float) -> list[float]:
     """(sectors,) inner edge r_o = eta dr of the nearest occupied ring (eq. 18, 20), inf where free.
 
     The paper takes the lower corner of a cell; we do so for the range, which is cautious, but
     look to the middle of the sector, otherwise every obstacle would be turned by half a sector.
     """
     nearest_m = ranges_m.reshape(sectors, -1).min(axis=1).astype(np.float64)
-    edges_m = np.floor(nearest_m / ring_m) * ring_m
-    edges_m[nearest_m >= range_m] = inf
-    result: list[float] = edges_m.tolist()
+    result: list[float] = (np.floor(nearest_m / ring_m) * ring_m).tolist()
     return result
 
 
@@ -156,7 +166,7 @@ def linked_runs(sectors_m: list[float], rho_m: float, link_m: float) -> list[ran
     return runs
 
 
-def split(sectors_m: list[float], run: range, split_rad: float) -> list[Arc]:
+def split(sectors_m: list[float], run: range, split_rad: float, whole: Arc) -> list[Arc]:
     """Arcs of one cluster, none wider than `split_rad`.
 
     The circle of eq. 21 has its surface at r_o (2 cos(width / 2) - 1): the robot would be inside
@@ -165,9 +175,10 @@ def split(sectors_m: list[float], run: range, split_rad: float) -> list[Arc]:
     paper's, and cutting does not multiply the force. Parts need not end between two cells (a
     shared cell counts for both), because whole cells could not be cut alike by mirrored robots.
     """
-    width_rad = len(run) * TAU / len(sectors_m)
-    parts = ceil(width_rad / split_rad - 1e-9)
-    weight = max(1.0, width_rad / split_rad) / parts
+    if whole.width_rad <= split_rad:
+        return [whole]
+    parts = ceil(whole.width_rad / split_rad - ROUNDING)
+    weight = whole.width_rad / split_rad / parts
     return [_arc(sectors_m, run, part, parts, weight) for part in range(parts)]
 
 
@@ -191,21 +202,29 @@ def _arc(sectors_m: list[float], run: range, part: int, parts: int, weight: floa
 def circle_distance(range_m: float, width_rad: float) -> float:
     """Distance |q - q_o| to the centre of the virtual circle (eq. 19, 21): twice that to its chord.
 
-    The half angle is held below 59.5 degrees, beyond which the circle would hold the robot.
+    r_o cos(width / 2) to the chord, and the circle is the robot's mirror image in it.
     """
     return 2.0 * range_m * cos(min(width_rad, CIRCLE_WIDTH_RAD_MAX) / 2.0)
 
 
-CIRCLE_WIDTH_RAD_MAX = 119.0 * TAU / 360.0
-
-
 def cell_points(
-    directions: Layout, sectors_m: list[float], ring_m: float, reach_m: float
+    map: Map, ring_m: float, reach_m: float, origin: Vec2, turn_rad: float
 ) -> list[Vec2]:
-    """Centres of the occupied cells nearer than `reach_m`, body frame."""
-    half_m = ring_m / 2.0
+    """Centres of the occupied cells nearer than `reach_m`, in another frame.
+
+    Args:
+        origin: this robot's centre in that frame, m.
+        turn_rad: its heading in that frame.
+    """
+    units = layout(len(map.beams_m), len(map.sectors_m)).sector_units
+    x_m, y_m = origin
+    ahead, aside = cos(turn_rad), sin(turn_rad)
+    reach_m -= ring_m / 2.0
     return [
-        ((range_m + half_m) * unit[0], (range_m + half_m) * unit[1])
-        for range_m, unit in zip(sectors_m, directions.sector_units, strict=True)
+        (
+            x_m + (middle_m := range_m + ring_m / 2.0) * (ahead * unit[0] - aside * unit[1]),
+            y_m + middle_m * (aside * unit[0] + ahead * unit[1]),
+        )
+        for range_m, unit in zip(map.sectors_m, units, strict=True)
         if range_m < reach_m
     ]

@@ -27,13 +27,17 @@ class Peer(msgspec.Struct, frozen=True):
 
     beacon: Beacon
     pose: Pose  # world, at the tick of the frame
-    velocity: Vec2  # m/s, world
     offset: Vec2  # m, world axes, from this robot's centre
     offset_body: Vec2  # m, body frame
     distance_m: float
     bearing_rad: float  # body frame
     age_s: float  # of its beacon
     missed_ticks: int  # beacons that should have come since; none when it is of the tick before
+
+    def velocity(self) -> Vec2:
+        """m/s, world."""
+        speed_mps = self.beacon.twist.speed_mps
+        return (speed_mps * cos(self.pose.yaw_rad), speed_mps * sin(self.pose.yaw_rad))
 
 
 def remember(
@@ -46,12 +50,14 @@ def remember(
     """
     newest = {beacon.name: beacon for beacon in known}
     for beacon in heard:
-        if beacon.name == name or beacon.tick > tick or not _is_plausible(beacon):
-            continue
         old = newest.get(beacon.name)
-        if old is None or (beacon.incarnation, beacon.tick) >= (old.incarnation, old.tick):
+        if old is not None and (beacon.incarnation, beacon.tick) < (old.incarnation, old.tick):
+            continue
+        if beacon.tick <= tick and beacon.name != name and _is_plausible(beacon):
             newest[beacon.name] = beacon
-    return tuple(newest[key] for key in sorted(newest) if 0 <= tick - newest[key].tick <= ticks_max)
+    return tuple(
+        [newest[key] for key in sorted(newest) if 0 <= tick - newest[key].tick <= ticks_max]
+    )
 
 
 def now(beacons: tuple[Beacon, ...], pose: Pose, tick: int, dt_s: float) -> list[Peer]:
@@ -66,12 +72,10 @@ def now(beacons: tuple[Beacon, ...], pose: Pose, tick: int, dt_s: float) -> list
         dy_m = there.y_m - pose.y_m
         x_m = ahead * dx_m + aside * dy_m
         y_m = ahead * dy_m - aside * dx_m
-        speed_mps = beacon.twist.speed_mps
         found.append(
             Peer(
                 beacon=beacon,
                 pose=there,
-                velocity=(speed_mps * cos(there.yaw_rad), speed_mps * sin(there.yaw_rad)),
                 offset=(dx_m, dy_m),
                 offset_body=(x_m, y_m),
                 distance_m=geometry.length(dx_m, dy_m),
@@ -94,8 +98,9 @@ def stands(beacon: Beacon) -> bool:
 
 
 def _is_plausible(beacon: Beacon) -> bool:
+    pose, twist = beacon.pose, beacon.twist
+    rates = abs(twist.speed_mps) + abs(twist.turn_rate_radps)
     return (
-        max(abs(beacon.pose.x_m), abs(beacon.pose.y_m)) <= COORDINATE_M_MAX
-        and max(abs(beacon.twist.speed_mps), abs(beacon.twist.turn_rate_radps)) <= RATE_MAX
-        and abs(beacon.formation_turn_rate_radps) <= RATE_MAX
+        abs(pose.x_m) + abs(pose.y_m) <= COORDINATE_M_MAX
+        and rates + abs(beacon.formation_turn_rate_radps) <= RATE_MAX
     )

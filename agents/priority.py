@@ -70,10 +70,14 @@ def leadership_order(leadership: Leadership) -> tuple[int, Claim, str]:
 
 def highest(known: Leadership | None, others: Iterable[Peer]) -> Leadership | None:
     """Highest leadership of those heard and the one already adopted."""
-    heard = [peer.beacon.leadership for peer in others if peer.beacon.leadership is not None]
-    if known is not None:
-        heard.append(known)
-    return min(heard, key=leadership_order, default=None)
+    best = known
+    for peer in others:
+        heard = peer.beacon.leadership
+        if heard is None or heard == best:
+            continue
+        if best is None or leadership_order(heard) < leadership_order(best):
+            best = heard
+    return best
 
 
 def step(
@@ -165,7 +169,8 @@ def comes_too_near(priority: Priority, radius_m: float, peer: Peer, velocity: Ve
     closing = _closing(peer, velocity)
     if closing >= 0.0:
         return False
-    u_x, u_y = peer.velocity[0] - velocity[0], peer.velocity[1] - velocity[1]
+    v_x, v_y = peer.velocity()
+    u_x, u_y = v_x - velocity[0], v_y - velocity[1]
     after_s = min(-closing / (u_x * u_x + u_y * u_y), priority.yield_horizon_s)
     x_m, y_m = peer.offset[0] + u_x * after_s, peer.offset[1] + u_y * after_s
     touch_m = radius_m + peer.beacon.body_radius_m
@@ -174,9 +179,8 @@ def comes_too_near(priority: Priority, radius_m: float, peer: Peer, velocity: Ve
 
 def _closing(peer: Peer, velocity: Vec2) -> float:
     """dq . (v_j - v_i) in m2/s, negative while the distance shrinks."""
-    return peer.offset[0] * (peer.velocity[0] - velocity[0]) + peer.offset[1] * (
-        peer.velocity[1] - velocity[1]
-    )
+    x, y = peer.velocity()
+    return peer.offset[0] * (x - velocity[0]) + peer.offset[1] * (y - velocity[1])
 
 
 def _velocity(pose: Pose, speed_mps: float) -> Vec2:

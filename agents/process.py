@@ -34,13 +34,13 @@ class Arguments(msgspec.Struct, frozen=True):
     incarnation: int = 0
     tls: Path | None = None
     log: Path | None = None
-    supervised: bool = False
+    supervisor_pid: int | None = None
 
 
 def main(arguments: Arguments) -> int:
     """Run one robot until the world or the supervisor is gone, or somebody asks it to stop."""
     stop = lifetime.Stop()
-    lifetime.adopt(arguments.name, arguments.log, stop, supervised=arguments.supervised)
+    lifetime.adopt(arguments.name, arguments.log, stop, arguments.supervisor_pid)
     try:
         bus = zenoh_bus.open_client(
             arguments.run, arguments.endpoint, name=arguments.name, tls=arguments.tls, leaf=True

@@ -138,13 +138,13 @@ def is_sane(frame: SensorFrame) -> bool:
 def is_masked(setup: RobotSetup, peer: Peer) -> bool:
     """Whether a peer's body is left out of the map, because rules and forces deal with it.
 
-    In a formation: the other members. Else: peers that move, which the right of way deals with;
-    one that stands is an obstacle to go round. Where robots treat each other as moving obstacles
-    they all stay on the map.
+    In a formation: the other members, but not one that has come to grief. Else: peers that move,
+    which the right of way deals with; one that stands is an obstacle to go round. Where robots
+    treat each other as moving obstacles they all stay on the map.
     """
     if setup.leads or setup.slot is not None:
         if peers.is_in_formation(peer.beacon):
-            return True
+            return peer.beacon.mode != "FAILED"
     elif setup.priority.strategy == "mutual":
         return False
     return not peers.stands(peer.beacon)

@@ -78,14 +78,15 @@ def head(
 def slew(
     robot: Robot, measured: Twist, speed_mps: float, turn_rate_radps: float, dt_s: float
 ) -> Twist:
-    """Nearest twist that the body can reach within a tick from the one it has."""
+    """Nearest twist that the body can reach within a tick from the one it has; what it can reach
+    comes back bit for bit, so that a change means a limit.
+    """
+    change_mps = robot.acceleration_mps2_max * dt_s
+    change_radps = robot.turn_acceleration_radps2_max * dt_s
+    v_mps, w_radps = measured.speed_mps, measured.turn_rate_radps
     return Twist(
-        measured.speed_mps
-        + clip(speed_mps - measured.speed_mps, robot.acceleration_mps2_max * dt_s),
-        measured.turn_rate_radps
-        + clip(
-            turn_rate_radps - measured.turn_rate_radps, robot.turn_acceleration_radps2_max * dt_s
-        ),
+        max(v_mps - change_mps, min(v_mps + change_mps, speed_mps)),
+        max(w_radps - change_radps, min(w_radps + change_radps, turn_rate_radps)),
     )
 
 

@@ -73,7 +73,7 @@ class Hub:
     """What the MemoryBuses of one process share."""
 
     def __init__(self) -> None:
-        self.buses: list[MemoryBus] = []
+        self.routes: dict[tuple[str, str], list[MemoryBus]] = {}  # (topic, robot or *) -> readers
         self.tokens: dict[tuple[str, str], MemoryBus] = {}
         self.handlers: dict[str, Handler] = {}
         self.workers: dict[str, Callable[[], None]] = {}  # name -> does what has arrived for it
@@ -85,30 +85,24 @@ class MemoryBus:
     def __init__(self, hub: Hub, run: str) -> None:
         self.run = run
         self._hub = hub
-        self._topics: dict[tuple[str, str], bool] = {}  # (topic, robot or *) -> newest only
+        self._newest: set[str] = set()  # topics of which only the last message is kept
         self._queue: deque[Delivery] = deque()
         self._woken = False
         self._closed = False
-        hub.buses.append(self)
 
     def publish(self, topic: Topic, message: msgspec.Struct, robot: str = "") -> None:
         """Hand over to every subscriber at once."""
-        for bus in self._hub.buses:
-            bus._deliver(Delivery(topic, message), robot)
-
-    def _deliver(self, delivery: Delivery, robot: str) -> None:
-        newest = self._topics.get((delivery.topic.name, robot))
-        if newest is None:
-            newest = self._topics.get((delivery.topic.name, "*"))
-        if newest is None:
-            return
-        if newest:
-            self._queue = deque(one for one in self._queue if one.topic is not delivery.topic)
-        self._queue.append(delivery)
+        routes = self._hub.routes
+        for bus in (*routes.get((topic.name, robot), ()), *routes.get((topic.name, "*"), ())):
+            if topic.name in bus._newest:
+                bus._queue = deque(one for one in bus._queue if one.topic is not topic)
+            bus._queue.append(Delivery(topic, message))
 
     def subscribe(self, topic: Topic, robot: str = "*", *, newest: bool = False) -> None:
         """Receive a topic from now on."""
-        self._topics[(topic.name, robot)] = newest
+        self._hub.routes.setdefault((topic.name, robot), []).append(self)
+        if newest:
+            self._newest.add(topic.name)
 
     def receive(self, timeout_s: float) -> Delivery | None:
         """Next message; lets the workers of the hub run once when there is none.
@@ -156,5 +150,6 @@ class MemoryBus:
         self._closed = True
         for token in [token for token, owner in self._hub.tokens.items() if owner is self]:
             del self._hub.tokens[token]
-        if self in self._hub.buses:
-            self._hub.buses.remove(self)
+        for readers in self._hub.routes.values():
+            if self in readers:
+                readers.remove(self)

@@ -2,15 +2,16 @@
 
 A child of the supervisor lives in a session of its own (Ctrl-C reaches the supervisor alone, which
 then asks everyone to stop), carries its name where `pgrep` looks, writes to its own log file, and
-is told by the kernel when its forkserver, and with it the supervisor, is gone.
+is told by the kernel when the supervisor is gone, whatever the bus is doing.
 """
 
 from __future__ import annotations
 
-import ctypes
 import os
+import select
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +19,8 @@ import setproctitle
 
 from swarm.bus import Bus
 
-PR_SET_PDEATHSIG = 1  # prctl(2)
+ORPHAN_EXIT_S = 2.0  # an orphan that has not ended by itself after this is ended
+ORPHAN_EXIT_CODE = 70  # EX_SOFTWARE
 
 
 class Stop:
@@ -35,8 +37,11 @@ class Stop:
         self.wake()
 
 
-def adopt(name: str, log: Path | None, stop: Stop, *, supervised: bool) -> None:
-    """Become the process `name`: title, log file, session, signals."""
+def adopt(name: str, log: Path | None, stop: Stop, supervisor_pid: int | None) -> None:
+    """Become the process `name`: title, log file, signals; a child of the supervisor if it has one.
+
+    Raises OSError when the log cannot be written.
+    """
     setproctitle.setproctitle(f"swarm-{name}")
     if log is not None:
         descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
@@ -46,15 +51,25 @@ def adopt(name: str, log: Path | None, stop: Stop, *, supervised: bool) -> None:
         os.dup2(descriptor, 2)
         os.close(descriptor)
     signal.signal(signal.SIGTERM, lambda *_: stop.request("asked to stop by SIGTERM"))
-    if supervised:
+    if supervisor_pid is None:
+        signal.signal(signal.SIGINT, lambda *_: stop.request("interrupted"))
+    else:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         os.setsid()
-        parent = os.getppid()
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != parent:
-            stop.request("the supervisor is gone")
-    else:
-        signal.signal(signal.SIGINT, lambda *_: stop.request("interrupted"))
+        watch = threading.Thread(target=_end_with, args=(supervisor_pid, stop), daemon=True)
+        watch.start()
+
+
+def _end_with(supervisor_pid: int, stop: Stop) -> None:
+    """Wait for the supervisor's death, then see to it that this process ends too."""
+    try:
+        handle = os.pidfd_open(supervisor_pid)
+        select.select([handle], [], [])  # readable once the process is gone
+    except ProcessLookupError:
+        pass
+    stop.request("the supervisor is gone")
+    threading.Event().wait(ORPHAN_EXIT_S)
+    os._exit(ORPHAN_EXIT_CODE)
 
 
 class Absence:

@@ -24,7 +24,6 @@ from swarm.score import (
     begin,
     ended,
     formation_error_now,
-    has_mission,
     observe,
 )
 
@@ -157,15 +156,18 @@ class Facts(msgspec.Struct, frozen=True, kw_only=True):
 def summary(score: Score, facts: Facts) -> Summary:
     """What the run came to, after its last tick."""
     scenario = score.scenario
-    outcomes = [_outcome(scenario, row, tally) for row, tally in enumerate(score.tallies)]
+    outcomes = [
+        _outcome(tally, mission)
+        for tally, mission in zip(score.tallies, score.missions, strict=True)
+    ]
     rows = [_robot_row(score, facts, row, outcome) for row, outcome in enumerate(outcomes)]
     arrivals = [
         row.arrival_s for row in rows if row.outcome == "arrived" and row.arrival_s is not None
     ]
     everyone = all(
         outcome in ("arrived", "killed")
-        for row, outcome in enumerate(outcomes)
-        if has_mission(scenario, row)
+        for outcome, mission in zip(outcomes, score.missions, strict=True)
+        if mission
     )
     sim_time_s = score.tick * scenario.dt_s
     result = Summary(
@@ -229,13 +231,13 @@ def check(expect: Expect, result: Summary) -> tuple[list[str], list[str]]:
     return met, missed
 
 
-def _outcome(scenario: Scenario, row: int, tally: Tally) -> RobotOutcome:
+def _outcome(tally: Tally, mission: bool) -> RobotOutcome:
     """How it ended for one robot; who has nowhere to go is where it should be."""
     if tally.contact:
         return "collided"
     if not tally.alive:
         return "killed" if tally.killed else "failed"
-    if not has_mission(scenario, row) or tally.arrival_tick is not None:
+    if not mission or tally.arrival_tick is not None:
         return "arrived"
     return "blocked" if tally.mode == "FAILED" else "timeout"
 

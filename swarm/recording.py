@@ -50,6 +50,8 @@ from swarm.playback import (
 from swarm.verdict import Verdict, verify
 
 __all__ = [
+    "SCENARIO_NAME",
+    "SUMMARY_NAME",
     "Channel",
     "Counts",
     "Recording",
@@ -274,7 +276,7 @@ class Repair(msgspec.Struct, frozen=True):
     kept_bytes: int
     lost_ticks: tuple[TickRange, ...]  # known gaps; what came after a cut nobody knows
     lost_bytes: int
-    lines: tuple[str, ...]  # the same for a person
+    text: tuple[str, ...]  # the same in lines for a person
 
 
 def repair(path: str | os.PathLike[str], out: str | os.PathLike[str] | None = None) -> Repair:

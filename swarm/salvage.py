@@ -72,7 +72,7 @@ class Damage(msgspec.Struct, frozen=True):
 
 
 class CrcError(ValueError):
-    """A checksum does not fit what it is the checksum of."""
+    """What is there does not fit its checksum, or cannot be unpacked."""
 
 
 class Schema(msgspec.Struct, frozen=True):
@@ -248,8 +248,8 @@ def chunk_parts(body: bytes) -> Iterator[Schema | Channel | Message]:
     """Content of a chunk whose crc fits, all of it checked before the first part is given.
 
     Raises:
-        ValueError: it cannot be unpacked within RECORD_BYTES_MAX.
-        CrcError: the crc does not fit.
+        ValueError: it is longer than it tells, or than RECORD_BYTES_MAX.
+        CrcError: a byte has changed.
     """
     fields = _Fields(body)
     fields.take(16)  # start and end time
@@ -290,14 +290,17 @@ def _unpack(compression: str, data: bytes, size: int) -> bytes:
     try:
         if compression == "lz4":
             # Not lz4.frame.decompress: it would believe any size.
-            unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+            decompressor = lz4.frame.LZ4FrameDecompressor()
+            unpacked: bytes = decompressor.decompress(data, max_length=size)
+            if not decompressor.eof:
+                raise ValueError(f"a chunk larger than the {size} bytes that it tells")
             return unpacked
         if compression == "zstd":
             if zstandard.frame_content_size(data) > RECORD_BYTES_MAX:
                 raise ValueError("a chunk larger than it may be")
             return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
     except (RuntimeError, zstandard.ZstdError, MemoryError) as error:
-        raise ValueError(f"a chunk that cannot be unpacked: {error}") from error
+        raise CrcError(f"a chunk that cannot be unpacked: {error}") from error
     if compression:
         raise ValueError(f"a chunk compressed with '{compression[:20]}', expected lz4 or zstd")
     return data

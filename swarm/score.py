@@ -65,7 +65,8 @@ class Score(msgspec.Struct, eq=False):
     scenario: Scenario
     rows: dict[str, int]
     tallies: list[Tally]
-    slots: list[Slot | None]
+    slots: list[Slot | None]  # nominal ones, of the followers
+    missions: list[bool]  # who has somewhere to arrive
     firsts: Indices  # (pairs,) row of the first of each pair of robots
     seconds: Indices
     touching_m: geometry.Floats  # (pairs,) distance of the centres at which they touch
@@ -97,6 +98,7 @@ def begin(scenario: Scenario) -> Score:
         rows=rows,
         tallies=[Tally() for _ in range(count)],
         slots=[scenario.slot(row) for row in range(count)],
+        missions=[_has_mission(scenario, row) for row in range(count)],
         firsts=firsts,
         seconds=seconds,
         touching_m=radii_m[firsts] + radii_m[seconds],
@@ -104,6 +106,18 @@ def begin(scenario: Scenario) -> Score:
         hash=hashlib.sha256(),
         leaders=[],
         faults=[],
+    )
+
+
+def _has_mission(scenario: Scenario, row: int) -> bool:
+    """Whether a robot has somewhere to arrive: its own goal, or a slot behind one that has."""
+    if scenario.robots[row].goal is not None:
+        return True
+    formation = scenario.formation
+    return (
+        formation is not None
+        and scenario.slot(row) is not None
+        and scenario.robots[scenario.row(formation.leader)].goal is not None
     )
 
 
@@ -128,11 +142,11 @@ def ended(score: Score) -> Ending | None:
     `stranded`: nobody is left who could still arrive, or move when there is nowhere to arrive.
     """
     scenario = score.scenario
-    goals = any(robot.goal is not None for robot in scenario.robots)
+    goals = any(score.missions)
     going = [
         tally
-        for row, tally in enumerate(score.tallies)
-        if tally.alive and not tally.contact and (not goals or has_mission(scenario, row))
+        for tally, mission in zip(score.tallies, score.missions, strict=True)
+        if tally.alive and not tally.contact and (mission or not goals)
     ]
     if not going:
         return "stranded"
@@ -146,18 +160,6 @@ def ended(score: Score) -> Ending | None:
     if score.tick >= scenario.tick_of(scenario.duration_s):
         return "timeout" if goals else "duration"
     return None
-
-
-def has_mission(scenario: Scenario, row: int) -> bool:
-    """Whether a robot has somewhere to arrive: its own goal, or a slot behind one that has."""
-    if scenario.robots[row].goal is not None:
-        return True
-    formation = scenario.formation
-    return (
-        formation is not None
-        and scenario.slot(row) is not None
-        and scenario.robots[scenario.row(formation.leader)].goal is not None
-    )
 
 
 def formation_error_now(score: Score, name: str) -> float | None:

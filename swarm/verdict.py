@@ -50,7 +50,7 @@ class Verdict(msgspec.Struct, frozen=True):
     first_tick: int | None
     last_tick: int | None
     sim_time_s: float
-    lines: tuple[str, ...]  # the same for a person
+    text: tuple[str, ...]  # the same in lines for a person
 
 
 class _Findings:
@@ -189,7 +189,7 @@ def _verdict(name: str, findings: _Findings) -> Verdict:
         first_tick=first,
         last_tick=last,
         sim_time_s=sim_time_s,
-        lines=tuple(lines),
+        text=tuple(lines),
     )
 
 

@@ -93,3 +93,14 @@ def _made_tick(tick: int, robots: int, beams: int) -> TickRecord:
             commands.append(messages.Command(beacon.name, tick, stamp_ns, twist, beacon, trace))
     events = (messages.Event(tick, stamp_ns, "fault", "robot1", "kill"),) if tick == 10 else ()
     return TickRecord(tick, stamp_ns, tuple(rows), tuple(frames), tuple(commands), events)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """How long the random campaigns are; `make test-kills` runs the full one."""
+    parser.addoption("--kills", type=int, default=3, help="random kills of each kind (full: 20)")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """One test a kill, so that each can be repeated by its name."""
+    if "kill" in metafunc.fixturenames:
+        metafunc.parametrize("kill", range(metafunc.config.getoption("--kills")))

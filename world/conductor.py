@@ -109,7 +109,6 @@ class _Conductor:
         self._started_s = 0.0
         self._status_due_s = 0.0
         self._phase: Literal["starting", "running", "ended"] = "starting"
-        self._status = self._make_status()
 
     def run(self) -> Conduct:
         """See `conduct`."""
@@ -326,14 +325,14 @@ class _Conductor:
     def _answer_control(self, request: ControlRequest) -> Reply:
         if request.action == "stop":
             self._stop.request("stopped by request")
-        return Reply(True, body=messages.encode(self._status))
+        return Reply(True, body=messages.encode(self._make_status()))
 
     def _publish_status(self) -> None:
         if self._now() >= self._status_due_s:
             self._status_due_s = self._now() + STATUS_PERIOD_S
-            self._status = self._make_status()
-            self._bus.publish(STATUS, self._status)
-            self._on_status(self._status)
+            status = self._make_status()
+            self._bus.publish(STATUS, status)
+            self._on_status(status)
 
     def _make_status(self) -> Status:
         tick, scenario = self._state.tick, self._scenario

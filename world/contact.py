@@ -13,9 +13,12 @@ from math import inf, sqrt
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from swarm.geometry import Floats, Vec2, length
 from world.scene import Scene
+
+Flags = npt.NDArray[np.bool_]
 
 
 class Way(msgspec.Struct, frozen=True, array_like=True):
@@ -30,40 +33,73 @@ class Way(msgspec.Struct, frozen=True, array_like=True):
         return (self.start[0] + share * self.chord[0], self.start[1] + share * self.chord[1])
 
 
-class Touch(msgspec.Struct, frozen=True, array_like=True):
-    """What became of one body: the share of its way that it went, and whether it touched."""
-
-    share: float
-    touched: bool
-
-
-_FREE = Touch(1.0, False)
-
-
-def sweep(scene: Scene, ways: Sequence[Way], clearances_m: Sequence[float]) -> tuple[Touch, ...]:
-    """First contacts of all bodies with each other and with the obstacles.
+def sweep(
+    scene: Scene, starts_m: Floats, ends_m: Floats, radii_m: Floats, clearances_m: Floats
+) -> dict[int, float]:
+    """First contacts of all bodies with each other and with the obstacles in one tick.
 
     Both robots of a pair touch, also one that stood. Whoever touches stops there, and what comes
     later in the tick meets it standing. Bodies that stand do not touch anew.
 
     Args:
+        starts_m, ends_m: (robots, 2) world frame.
+        radii_m: (robots,)
         clearances_m: (robots,) from each body's surface to the nearest obstacle at the start.
     Returns:
-        (robots,)
+        Of those that touch, by row: the share of its way that it went, in [0, 1].
     """
-    lengths_m = [length(*way.chord) for way in ways]
-    beside = [row for row, way_m in enumerate(lengths_m) if way_m >= clearances_m[row]]
-    pairs = _near_pairs(ways, lengths_m)
-    stops = [1.0 if way_m > 0.0 else 0.0 for way_m in lengths_m]
-    if not pairs and all(stops[row] == 0.0 for row in beside):
-        return (_FREE,) * len(ways)
-    touched = [False] * len(ways)
-    walls = {row: _first_obstacle(scene, ways[row]) for row in beside if stops[row] > 0.0}
+    chords_m = ends_m - starts_m
+    lengths_m = np.sqrt(chords_m[:, 0] * chords_m[:, 0] + chords_m[:, 1] * chords_m[:, 1])
+    moving = lengths_m > 0.0
+    beside = (moving & (clearances_m <= lengths_m)).nonzero()[0].tolist()
+    pairs = _near_pairs(starts_m, radii_m + lengths_m, moving)
+    if not beside and not pairs:
+        return {}
+    ways = [
+        Way((x_m, y_m), (chord_x_m, chord_y_m), radius_m)
+        for (x_m, y_m), (chord_x_m, chord_y_m), radius_m in zip(
+            starts_m.tolist(), chords_m.tolist(), radii_m.tolist(), strict=True
+        )
+    ]
+    return _settle(
+        ways,
+        {row: _first_obstacle(scene, ways[row]) for row in beside},
+        pairs,
+        [1.0 if moves else 0.0 for moves in moving.tolist()],
+    )
+
+
+def _near_pairs(starts_m: Floats, reach_m: Floats, moving: Flags) -> list[tuple[int, int]]:
+    """Pairs whose ways could meet: the gap between them is at most what both go."""
+    dx_m = starts_m[:, 0, None] - starts_m[:, 0]
+    dy_m = starts_m[:, 1, None] - starts_m[:, 1]
+    both_m = reach_m[:, None] + reach_m
+    near = dx_m * dx_m + dy_m * dy_m <= both_m * both_m
+    if np.count_nonzero(near) == len(starts_m):  # each one near itself only
+        return []
+    i, j = (near & (moving[:, None] | moving)).nonzero()
+    return [(one, other) for one, other in zip(i.tolist(), j.tolist(), strict=True) if one < other]
+
+
+def _settle(
+    ways: Sequence[Way],
+    walls: dict[int, float],
+    pairs: Sequence[tuple[int, int]],
+    stops: list[float],
+) -> dict[int, float]:
+    """Touches in the order in which they happen, each one changing what can happen after it.
+
+    Args:
+        walls: share of the way at which a body alone would touch an obstacle, by row.
+        pairs: that could meet.
+        stops: (robots,) share at which each body stands, unless it touches before.
+    """
+    touches: dict[int, float] = {}
     met: set[tuple[int, int]] = set()
-    while True:  # each round uses up a pair or a body's wall
+    while True:  # each round uses up a wall or a pair
         share, one, other = min(
             (
-                *((at, row, row) for row, at in walls.items() if at <= stops[row]),
+                *((at, row, row) for row, at in walls.items() if row not in touches),
                 *(
                     (_first_meeting(ways[i], ways[j], stops[i], stops[j]), i, j)
                     for i, j in pairs
@@ -73,30 +109,11 @@ def sweep(scene: Scene, ways: Sequence[Way], clearances_m: Sequence[float]) -> t
             default=(inf, 0, 0),
         )
         if share > 1.0:
-            break
+            return touches
         met.add((one, other))
         for row in (one, other):
             stops[row] = min(stops[row], share)
-            touched[row] = True
-            walls.pop(row, None)
-    return tuple(
-        Touch(stop, True) if touch else _FREE for stop, touch in zip(stops, touched, strict=True)
-    )
-
-
-def _near_pairs(ways: Sequence[Way], lengths_m: Sequence[float]) -> list[tuple[int, int]]:
-    """Pairs whose ways could meet: the gap between them is at most what both go."""
-    starts_m = np.array([way.start for way in ways])
-    reach_m = np.array([way.radius_m for way in ways]) + np.array(lengths_m)
-    dx_m = starts_m[:, 0, None] - starts_m[:, 0]
-    dy_m = starts_m[:, 1, None] - starts_m[:, 1]
-    both_m: Floats = reach_m[:, None] + reach_m
-    i, j = (dx_m * dx_m + dy_m * dy_m <= both_m * both_m).nonzero()
-    return [
-        (one, other)
-        for one, other in zip(i.tolist(), j.tolist(), strict=True)
-        if one < other and (lengths_m[one] > 0.0 or lengths_m[other] > 0.0)
-    ]
+            touches[row] = stops[row]
 
 
 def _first_obstacle(scene: Scene, way: Way) -> float:

@@ -30,13 +30,13 @@ class Arguments(msgspec.Struct, frozen=True, kw_only=True):
     tls: Path | None = None
     log: Path | None = None
     serve_port: int | None = None  # of the live Rerun server
-    supervised: bool = False
+    supervisor_pid: int | None = None
 
 
 def main(arguments: Arguments) -> int:
     """Run one world; its summary lies in the folder afterwards."""
     stop = lifetime.Stop()
-    lifetime.adopt("world", arguments.log, stop, supervised=arguments.supervised)
+    lifetime.adopt("world", arguments.log, stop, arguments.supervisor_pid)
     try:
         bus = _open_bus(arguments)
     except errors.BusError as error:
@@ -51,7 +51,7 @@ def main(arguments: Arguments) -> int:
             stop,
             bus_name="zenoh",
             serve_port=arguments.serve_port,
-            supervised=arguments.supervised,
+            supervised=arguments.supervisor_pid is not None,
         )
     except errors.SwarmError as error:
         print(f"swarm-world: {error}", file=sys.stderr, flush=True)

@@ -26,7 +26,6 @@ from swarm.messages import (
     RobotRecord,
     SensorFrame,
     TickRecord,
-    array,
 )
 from swarm.scenario import Obstacle, Scenario
 from world import contact, motion, radio, raycast, scene
@@ -67,12 +66,15 @@ class WorldState(msgspec.Struct, frozen=True):
 def build(scenario: Scenario) -> World:
     """World of a scenario; raises ScenarioError when it cannot be laid out."""
     obstacles = scene.obstacles(scenario)
+    standing = scene.build(obstacles)
+    radii_m = np.array([robot.body_radius_m for robot in scenario.robots])
+    sensor = scenario.sensor
     return World(
         scenario=scenario,
         obstacles=obstacles,
-        scene=scene.build(obstacles),
-        lidar=raycast.lidar(scenario.sensor.beams, scenario.sensor.range_m),
-        radii_m=np.array([robot.body_radius_m for robot in scenario.robots]),
+        scene=standing,
+        lidar=raycast.lidar(sensor.beams, sensor.range_m, standing, radii_m),
+        radii_m=radii_m,
         rows={robot.name: row for row, robot in enumerate(scenario.robots)},
     )
 
@@ -80,11 +82,12 @@ def build(scenario: Scenario) -> World:
 def init(world: World) -> WorldState:
     """Tick 0: every robot stands at its start; no commands, no beacons."""
     poses = [Pose(*robot.start) for robot in world.scenario.robots]
+    clearances_m = _clearances_m(world, _positions_m(poses))
     return WorldState(
         0,
         tuple(
             Body(pose, STILL, clearance_m)
-            for pose, clearance_m in zip(poses, _clearances_m(world, poses), strict=True)
+            for pose, clearance_m in zip(poses, clearances_m, strict=True)
         ),
     )
 
@@ -110,21 +113,15 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
     ]
 
     # Nobody gets further than to what it touches.
-    ways = [
-        contact.Way(
-            (body.pose.x_m, body.pose.y_m),
-            (pose.x_m - body.pose.x_m, pose.y_m - body.pose.y_m),
-            robot.body_radius_m,
-        )
-        for robot, body, (pose, _) in zip(scenario.robots, bodies, moved, strict=True)
-    ]
-    touches = contact.sweep(world.scene, ways, [body.clearance_m for body in bodies])
-    for row, (way, touch) in enumerate(zip(ways, touches, strict=True)):
-        if touch.touched:
-            pose = Pose(*way.at(touch.share), moved[row][0].yaw_rad)
-            moved[row] = (pose, STILL)
+    starts_m = _positions_m(body.pose for body in bodies)
+    ends_m = _positions_m(pose for pose, _ in moved)
+    clearances_m = np.array([body.clearance_m for body in bodies])
+    touches = contact.sweep(world.scene, starts_m, ends_m, world.radii_m, clearances_m)
+    for row, share in touches.items():
+        ends_m[row] = starts_m[row] + share * (ends_m[row] - starts_m[row])
+        x_m, y_m = ends_m[row].tolist()
+        moved[row] = (Pose(x_m, y_m, moved[row][0].yaw_rad), STILL)
 
-    clearances_m = _clearances_m(world, [pose for pose, _ in moved])
     return WorldState(
         state.tick + 1,
         tuple(
@@ -133,13 +130,13 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
                 twist,
                 clearance_m,
                 body.alive,
-                body.contact or touch.touched,
+                body.contact or row in touches,
                 body.set_point,
                 body.command_tick,
                 body.beacon,
             )
-            for body, touch, (pose, twist), clearance_m in zip(
-                bodies, touches, moved, clearances_m, strict=True
+            for row, (body, (pose, twist), clearance_m) in enumerate(
+                zip(bodies, moved, _clearances_m(world, ends_m), strict=True)
             )
         ),
     )
@@ -163,11 +160,13 @@ def sense(world: World, state: WorldState) -> tuple[SensorFrame, ...]:
     bodies = state.bodies
     live = [row for row, body in enumerate(bodies) if body.alive]
     poses = [body.pose for body in bodies]
-    ranges_m = raycast.cast(world.lidar, world.scene, poses, world.radii_m, live)
-    positions_m = np.array([(pose.x_m, pose.y_m) for pose in poses])
+    ranges_m = raycast.cast(world.lidar, poses, live)
     speaks = np.array([body.alive and body.beacon is not None for body in bodies])
-    heard = radio.audible(scenario.radio.range_m, positions_m, speaks)
+    heard = radio.audible(scenario.radio.range_m, _positions_m(poses), speaks)
     stamp_ns = scenario.stamp_ns(state.tick)
+    beams = ranges_m.shape[1]
+    scans = ranges_m.astype("<f4").tobytes()
+    size = 4 * beams  # bytes of one scan; cut from the whole, which is cheaper than row by row
     return tuple(
         SensorFrame(
             robot=scenario.robots[row].name,
@@ -177,7 +176,7 @@ def sense(world: World, state: WorldState) -> tuple[SensorFrame, ...]:
             twist=bodies[row].twist,
             wheels=motion.wheels(scenario.robots[row], bodies[row].twist),
             contact=bodies[row].contact,
-            ranges=array(ranges_m[number]),
+            ranges=Array("<f4", (beams,), scans[number * size : (number + 1) * size]),
             beacons=tuple(
                 beacon
                 for speaker in heard[row].nonzero()[0].tolist()
@@ -279,12 +278,16 @@ def _in_force(world: World, state: WorldState, body: Body) -> Twist:
     return body.set_point
 
 
-def _clearances_m(world: World, poses: Sequence[Pose]) -> list[float]:
+def _positions_m(poses: Iterable[Pose]) -> Floats:
+    """(robots, 2) world frame."""
+    return np.array([(pose.x_m, pose.y_m) for pose in poses])
+
+
+def _clearances_m(world: World, positions_m: Floats) -> list[float]:
     """(robots,) from each body's surface to the nearest obstacle's, inf without obstacles."""
     if not world.obstacles:
-        return [inf] * len(poses)
-    points_m = np.array([(pose.x_m, pose.y_m) for pose in poses])
-    clearances_m: list[float] = (scene.clearance(world.scene, points_m) - world.radii_m).tolist()
+        return [inf] * len(positions_m)
+    clearances_m: list[float] = (scene.clearance(world.scene, positions_m) - world.radii_m).tolist()
     return clearances_m
 
 

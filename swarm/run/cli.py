@@ -614,3 +614,7 @@ def version(as_json: Json = False) -> None:
 def _print_json(value: Any) -> None:
     sys.stdout.buffer.write(msgspec.json.encode(value) + b"\n")
     sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -168,7 +168,7 @@ class _Supervisor:
                     tls=plan.tls,
                     log=logs / "world.log",
                     serve_port=serve_port,
-                    supervised=True,
+                    supervisor_pid=os.getpid(),
                 ),
             )
             for robot in plan.scenario.robots:
@@ -181,7 +181,7 @@ class _Supervisor:
                         name=robot.name,
                         tls=plan.tls,
                         log=logs / f"{robot.name}.log",
-                        supervised=True,
+                        supervisor_pid=os.getpid(),
                     ),
                 )
 
@@ -250,7 +250,9 @@ class _Supervisor:
             if WORLD in self._ended:
                 code = self._children[WORLD].exitcode
                 if code != 0:
-                    self._problem = self._last_words(WORLD, "in mid-run")
+                    self._problem = self._last_words(WORLD, "in mid-run") + (
+                        f"; mend its recording with: swarm verify {self._plan.folder} --repair"
+                    )
                 return
             now_s = time.monotonic()
             overtime = stop_after_s is not None and now_s - started_s >= stop_after_s

@@ -1,0 +1,47 @@
+# Needs python3 (3.11 or newer) and make; everything else is installed into .venv.
+
+PYTHON ?= python3
+BIN := .venv/bin
+VIEW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),native,none)
+
+.PHONY: help setup demo test test-kills lint types bench clean
+
+help:
+	@echo "make demo    six robots cross two obstacles in formation; opens Rerun where there is a display"
+	@echo "make test    lint, types, tests"
+	@echo "make test-kills  the full campaign of random kills"
+	@echo "make bench   what a swarm costs, as ratios"
+	@echo "make setup   only make .venv"
+	@echo "make clean   remove .venv and caches (recordings in runs/ stay)"
+
+setup: .venv/installed
+
+.venv/installed: pyproject.toml deploy/constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and "expected python3 3.11 or newer, got %d.%d; try make PYTHON=python3.12" % v[:2])'
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint deploy/constraints.txt --editable '.[test]'
+	@touch $@
+
+demo: setup
+	$(BIN)/swarm run two-obstacles --view $(VIEW)
+	@if [ "$(VIEW)" = none ]; then echo "no display here: see it with  $(BIN)/swarm run two-obstacles --view web  or open the run's run.rrd in Rerun"; fi
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: setup
+	$(BIN)/mypy
+
+test: lint types
+	$(BIN)/python -m pytest
+
+test-kills: setup
+	$(BIN)/python -m pytest tests/run/test_kill.py --kills 20
+
+bench: setup
+	$(BIN)/swarm bench
+
+clean:
+	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis build *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

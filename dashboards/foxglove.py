@@ -1,0 +1,274 @@
+"""Extra channels that Foxglove and Rerun draw by themselves when they open the MCAP.
+
+    TickRecord --one message per kind--> /tf, /poses, /bodies, /scans, /obstacles, /log
+
+Schemas and encoders are Foxglove's own. Poses and transforms are hundreds of small objects per tick
+for a large swarm (4 and 6 us per robot), so those two are encoded once and afterwards only the
+numbers in the bytes are replaced: the same bytes for a tenth of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import ceil
+
+import foxglove.messages as fm
+import numpy as np
+import numpy.typing as npt
+
+from dashboards import stage, views
+from swarm import geometry
+from swarm.geometry import Floats
+from swarm.messages import TickRecord
+from swarm.recording import Channel
+from swarm.scenario import Obstacle, Scenario
+
+FRAME = "world"
+OBSTACLES_TICKS = 25  # they stand still; a viewer that jumps into the run finds them soon
+OUTLINE_STEP_M = 0.1  # between points of an obstacle's outline
+BODY_POINTS = 16  # of a body's rim
+NOSE_POINTS = 5  # from its centre to the rim
+RISE_M = 0.05  # bodies above scans above obstacles, when seen from above
+
+Bytes = npt.NDArray[np.uint8]
+Points = npt.NDArray[np.void]
+
+_POINT = np.dtype([("position", "<f4", 3), ("colour", "u1", 4)])
+_FIELDS = [
+    *(
+        fm.PackedElementField(
+            name=name, offset=4 * i, type=fm.PackedElementFieldNumericType.Float32
+        )
+        for i, name in enumerate(("x", "y", "z"))
+    ),
+    *(
+        fm.PackedElementField(name=name, offset=12 + i, type=fm.PackedElementFieldNumericType.Uint8)
+        for i, name in enumerate(("red", "green", "blue", "alpha"))
+    ),
+]
+_LEVELS = {
+    "INFO": fm.LogLevel.Info,
+    "WARN": fm.LogLevel.Warning,
+    "ERROR": fm.LogLevel.Error,
+}
+
+
+def channels(scenario: Scenario, obstacles: tuple[Obstacle, ...]) -> tuple[Channel, ...]:
+    """Channels for `recording.Writer`; each gives at most one message per tick."""
+    motion = _Motion()
+    names = [robot.name for robot in scenario.robots]
+    transforms = _Template(
+        lambda numbers, stamp: fm.FrameTransforms(
+            transforms=[
+                fm.FrameTransform(
+                    timestamp=stamp,
+                    parent_frame_id=FRAME,
+                    child_frame_id=name,
+                    translation=fm.Vector3(x=x, y=y),
+                    rotation=fm.Quaternion(z=z, w=w),
+                )
+                for name, (x, y, z, w) in zip(names, numbers, strict=True)
+            ]
+        ).encode()
+    )
+    poses = _Template(
+        lambda numbers, stamp: fm.PosesInFrame(
+            timestamp=stamp,
+            frame_id=FRAME,
+            poses=[
+                fm.Pose(position=fm.Vector3(x=x, y=y), orientation=fm.Quaternion(z=z, w=w))
+                for x, y, z, w in numbers
+            ],
+        ).encode()
+    )
+    bodies = _bodies(scenario)
+    still = _outlines(obstacles)
+    stride = ceil(len(names) / views.DETAIL_ROBOTS)
+
+    def scans(record: TickRecord) -> bytes | None:
+        if record.tick % stride:
+            return None
+        return _cloud(record, _points(views.scan_points(record), stage.SCAN, RISE_M))
+
+    def standing(record: TickRecord) -> bytes | None:
+        return _cloud(record, still) if record.tick % OBSTACLES_TICKS == 0 and len(still) else None
+
+    return (
+        _channel("/tf", fm.FrameTransforms, lambda r: transforms.encode(motion.of(r), r.stamp_ns)),
+        _channel("/poses", fm.PosesInFrame, lambda r: poses.encode(motion.of(r), r.stamp_ns)),
+        _channel("/bodies", fm.PointCloud, lambda r: _cloud(r, bodies(motion.of(r)))),
+        _channel("/scans", fm.PointCloud, scans),
+        _channel("/obstacles", fm.PointCloud, standing),
+        _channel("/log", fm.Log, lambda r: _log(r) if r.events else None),
+    )
+
+
+def _channel(
+    topic: str,
+    message: type[fm.FrameTransforms | fm.PosesInFrame | fm.PointCloud | fm.Log],
+    encode: Callable[[TickRecord], bytes | None],
+) -> Channel:
+    schema = message.get_schema()
+    return Channel(topic, schema.name, schema.encoding, schema.data, "protobuf", encode)
+
+
+# --- poses ----------------------------------------------------------------------------------------
+
+
+class _Motion:
+    """(robots, 4) x, y and the quaternion's z, w of a record; kept until the next record."""
+
+    def __init__(self) -> None:
+        self._record: TickRecord | None = None
+        self._numbers: Floats = np.empty((0, 4))
+
+    def of(self, record: TickRecord) -> Floats:
+        if record is not self._record:
+            poses = np.array([(r.pose.x_m, r.pose.y_m, r.pose.yaw_rad) for r in record.robots])
+            half_rad = 0.5 * poses[:, 2]
+            self._numbers = np.column_stack([poses[:, :2], np.sin(half_rad), np.cos(half_rad)])
+            self._record = record
+        return self._numbers
+
+
+class _Template:
+    """A message whose bytes stay where they are while its numbers change.
+
+    Encoded once by Foxglove with marks for numbers, which are then looked up in the bytes. The
+    stamp is a varint: for each of the few lengths that it can have there is a template.
+    """
+
+    def __init__(self, encode: Callable[[Floats, fm.Timestamp], bytes]) -> None:
+        self._encode = encode
+        self._known: dict[int, tuple[Bytes, npt.NDArray[np.intp], npt.NDArray[np.intp]]] = {}
+
+    def encode(self, numbers: Floats, stamp_ns: int) -> bytes:
+        """Bytes of the message with these numbers, (robots, 4), and this stamp."""
+        stamp = _stamp_bytes(stamp_ns)
+        if len(stamp) not in self._known:
+            self._known[len(stamp)] = self._learn(numbers.shape, stamp_ns, stamp)
+        template, stamps_at, numbers_at = self._known[len(stamp)]
+        result = template.copy()
+        result[stamps_at] = np.frombuffer(stamp, np.uint8)
+        result[numbers_at] = np.ascontiguousarray(numbers, "<f8").view(np.uint8).reshape(-1, 8)
+        return result.tobytes()
+
+    def _learn(
+        self, shape: tuple[int, ...], stamp_ns: int, stamp: bytes
+    ) -> tuple[Bytes, npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        marks = np.random.Generator(np.random.Philox(1)).random(shape)
+        data = self._encode(marks, _timestamp(stamp_ns))
+        number_places = [data.index(mark.tobytes()) for mark in marks.ravel()]
+        stamp_places: list[int] = []
+        framed = bytes([0x0A, len(stamp)]) + stamp  # field 1 of its message
+        found = data.find(framed)
+        while found >= 0 and stamp:
+            stamp_places.append(found + 2)
+            found = data.find(framed, found + len(framed))
+        return (
+            np.frombuffer(data, np.uint8),
+            np.add.outer(np.array(stamp_places, np.intp), np.arange(len(stamp))),
+            np.add.outer(np.array(number_places, np.intp), np.arange(8)),
+        )
+
+
+def _timestamp(stamp_ns: int) -> fm.Timestamp:
+    return fm.Timestamp(sec=stamp_ns // 1_000_000_000, nsec=stamp_ns % 1_000_000_000)
+
+
+def _stamp_bytes(stamp_ns: int) -> bytes:
+    """google.protobuf.Timestamp: varints seconds = 1, nanos = 2, both left out when zero."""
+    result = bytearray()
+    for tag, number in zip((0x08, 0x10), divmod(stamp_ns, 1_000_000_000), strict=True):
+        if number:
+            result.append(tag)
+            while number > 0x7F:
+                result.append(number & 0x7F | 0x80)
+                number >>= 7
+            result.append(number)
+    return bytes(result)
+
+
+# --- clouds ---------------------------------------------------------------------------------------
+
+
+def _bodies(scenario: Scenario) -> Callable[[Floats], Points]:
+    """Rim and nose of every robot as points in its colour, (robots * points,)."""
+    rim = np.array([geometry.unit(angle) for angle in geometry.sector_centres(BODY_POINTS)])
+    nose = np.column_stack([np.linspace(0.0, 1.0, NOSE_POINTS), np.zeros(NOSE_POINTS)])
+    shape = np.concatenate([rim, nose])
+    radii_m = np.array([robot.body_radius_m for robot in scenario.robots])
+    local = radii_m[:, None, None] * shape  # (robots, points, 2)
+    template = np.empty(local.shape[:2], _POINT)
+    template["position"] = 2.0 * RISE_M
+    template["colour"] = _rgba(stage.colours(scenario))[:, None]
+
+    def draw(numbers: Floats) -> Points:
+        z, w = numbers[:, 2, None], numbers[:, 3, None]
+        cos, sin = 1.0 - 2.0 * z * z, 2.0 * z * w
+        points = template.copy()
+        points["position"][:, :, 0] = (
+            numbers[:, 0, None] + cos * local[..., 0] - sin * local[..., 1]
+        )
+        points["position"][:, :, 1] = (
+            numbers[:, 1, None] + sin * local[..., 0] + cos * local[..., 1]
+        )
+        return points.ravel()
+
+    return draw
+
+
+def _outlines(obstacles: Sequence[Obstacle]) -> Points:
+    pieces: list[Floats] = [np.empty((0, 2))]
+    for obstacle in obstacles:
+        if obstacle.circle is not None:
+            x, y, radius_m = obstacle.circle
+            count = max(8, ceil(geometry.TAU * radius_m / OUTLINE_STEP_M))
+            rim = np.array([geometry.unit(angle) for angle in geometry.sector_centres(count)])
+            pieces.append(np.array([x, y]) + radius_m * rim)
+        else:
+            corners = np.array(obstacle.polygon)
+            for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+                length_m = geometry.length(*(end - start))
+                along = np.linspace(0.0, 1.0, max(2, ceil(length_m / OUTLINE_STEP_M)))
+                pieces.append(start + along[:, None] * (end - start))
+    return _points(np.concatenate(pieces), stage.OBSTACLE_EDGE, 0.0)
+
+
+def _points(positions: Floats, colour: int, height_m: float) -> Points:
+    points = np.empty(len(positions), _POINT)
+    points["position"][:, :2] = positions
+    points["position"][:, 2] = height_m
+    points["colour"] = _rgba(np.array([colour], np.uint32))
+    return points
+
+
+def _rgba(colours: stage.Colours) -> Bytes:
+    """(colours, 4) bytes red, green, blue, alpha."""
+    return colours.astype(">u4").view(np.uint8).reshape(-1, 4)
+
+
+def _cloud(record: TickRecord, points: Points) -> bytes:
+    return fm.PointCloud(
+        timestamp=_timestamp(record.stamp_ns),
+        frame_id=FRAME,
+        pose=fm.Pose(position=fm.Vector3(), orientation=fm.Quaternion(w=1.0)),
+        point_stride=_POINT.itemsize,
+        fields=_FIELDS,
+        data=points.tobytes(),
+    ).encode()
+
+
+# --- events ---------------------------------------------------------------------------------------
+
+
+def _log(record: TickRecord) -> bytes:
+    """All events of a tick in one message, at the level of the worst."""
+    levels = [views.LEVELS.get(event.kind, "INFO") for event in record.events]
+    worst = max(levels, key=list(_LEVELS).index)
+    return fm.Log(
+        timestamp=_timestamp(record.stamp_ns),
+        level=_LEVELS[worst],
+        message="\n".join(map(views.event_text, record.events)),
+        name="swarm",
+    ).encode()

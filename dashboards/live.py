@@ -1,0 +1,147 @@
+"""Watching a run as it happens: every tick goes to a file, to viewers that connect, or both.
+
+    observe(record) -> some dozens of records --views--> columns -> run.rrd, gRPC server
+
+The server is ours and viewers come to it: a client sink would stop the run when a viewer stalls.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from urllib.parse import quote
+
+import rerun as rr
+import rerun_cli  # type: ignore[import-untyped]
+
+from dashboards import blueprint, stage, views
+from swarm.messages import TickRecord
+from swarm.scenario import Obstacle, Scenario
+
+APPLICATION = "msam-swarm"
+HOST = "127.0.0.1"
+SERVER_MEMORY = "256MiB"  # beyond it the server forgets the oldest for viewers that come late
+BATCH_TICKS = 25  # of one call per entity: 5 x cheaper than a call per tick
+BATCH_S = 0.2  # wall; a live picture is never older
+CHECK_S = 1.0  # wall; how soon a full disk is noticed
+CLOSE_S = 5.0  # wall; for the last bytes
+
+
+class Live:
+    """Shows a run. Nothing that happens to file or viewers stops it: `failure` says what did."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        obstacles: Sequence[Obstacle],
+        run: str,
+        rrd_path: Path | None,
+        serve_port: int | None,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Opens what it can; a port or a file of None is left out."""
+        self.failure: str | None = None
+        self._scenario = scenario
+        self._now = now
+        self._records: list[TickRecord] = []
+        self._before = views.Before()
+        self._send_at_s = now() + BATCH_S
+        self._check_at_s = now() + CHECK_S
+        file = [] if rrd_path is None else [rr.FileSink(rrd_path)]
+        server: list[rr.GrpcServerSink] = []
+        if serve_port is not None:
+            server.append(rr.GrpcServerSink(HOST, serve_port, server_memory_limit=SERVER_MEMORY))
+        self._stream: rr.RecordingStream | None = None
+        if not file and not server:
+            return
+        stream = rr.RecordingStream(APPLICATION, recording_id=run)
+        layout = blueprint.blueprint(scenario, obstacles)
+        try:
+            stream.set_sinks(*file, *server, default_blueprint=layout)
+        except RuntimeError as error:
+            self._fail(f"{rrd_path}: {error}")
+            if not server:
+                return
+            stream.set_sinks(*server, default_blueprint=layout)
+        self._stream = stream
+        stream.send_recording_name(f"{scenario.title} ({run})")
+        for path, archetypes in stage.statics(scenario, obstacles).items():
+            for archetype in archetypes:
+                stream.log(path, archetype, static=True)
+
+    def observe(self, record: TickRecord) -> None:
+        """Takes one tick; shows it with the next batch."""
+        if self._stream is None:
+            return
+        self._records.append(record)
+        now_s = self._now()
+        if len(self._records) >= BATCH_TICKS or now_s >= self._send_at_s:
+            self._send(self._stream)
+            self._send_at_s = now_s + BATCH_S
+        if now_s >= self._check_at_s:
+            self._check(self._stream)
+            self._check_at_s = now_s + CHECK_S
+
+    def close(self) -> None:
+        """Shows what is left and completes the file; may be called again."""
+        if self._stream is None:
+            return
+        if self._records:
+            self._send(self._stream)
+        self._check(self._stream)
+        self._stream.disconnect()
+        self._stream = None
+
+    def _send(self, stream: rr.RecordingStream) -> None:
+        batch = views.batch(self._scenario, self._records, self._before)
+        for view in views.VIEWS:
+            for drawing in view(batch):
+                index = [
+                    rr.TimeColumn("tick", sequence=batch.ticks[drawing.rows]),
+                    rr.TimeColumn("sim_time", duration=batch.times_s[drawing.rows]),
+                ]
+                stream.send_columns(drawing.path, index, drawing.columns)
+        self._before = views.after(batch)
+        self._records = []
+
+    def _check(self, stream: rr.RecordingStream) -> None:
+        """Logging never fails, so a full disk is found by asking."""
+        try:
+            stream.flush(timeout_sec=CLOSE_S)
+        except (RuntimeError, ValueError, TimeoutError) as error:
+            self._fail(str(error))
+
+    def _fail(self, text: str) -> None:
+        if self.failure is None:
+            self.failure = f"Rerun: expected to write the picture of the run, got: {text}"
+
+
+# --- viewers --------------------------------------------------------------------------------------
+
+
+def viewer_binary() -> Path:
+    """The viewer itself: the `rerun` script would leave it behind when it is killed."""
+    return Path(rerun_cli.__file__).parent / "rerun"
+
+
+def uri(port: int) -> str:
+    """Address of a live run for a Rerun viewer."""
+    return f"rerun+http://{HOST}:{port}/proxy"
+
+
+def native_command(uri: str) -> list[str]:
+    """Command of a viewer in a window of its own, listening on loopback only."""
+    return [str(viewer_binary()), "--bind", HOST, "--port", "auto", uri]
+
+
+def web_command(web_port: int, uri: str) -> list[str]:
+    """Command of the server of the web viewer, on loopback only."""
+    binary = str(viewer_binary())
+    port = str(web_port)
+    return [binary, "--bind", HOST, "--serve-web", "--web-viewer-port", port, "--port", "auto", uri]
+
+
+def web_address(web_port: int, uri: str) -> str:
+    """What to open in a browser."""
+    return f"http://{HOST}:{web_port}/?url={quote(uri, safe='')}&hide_welcome_screen"

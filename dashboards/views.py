@@ -1,0 +1,356 @@
+"""Tick records -> Rerun: a table of small converters, one entity per kind, one instance per robot.
+
+    records --batch--> Batch (arrays) --VIEWS--> Drawing (path, rows, columns) ...
+
+The number of entities does not grow with the robots, and what costs most (forces, scans, distances
+of all pairs) is drawn at every tick only for a small swarm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import ceil, inf, isfinite, nan
+from operator import attrgetter
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+
+from dashboards.stage import FORCES, STATE_ROBOTS_MAX
+from swarm import geometry
+from swarm.geometry import Floats
+from swarm.messages import Event, EventKind, TickRecord
+from swarm.scenario import Scenario
+
+DETAIL_ROBOTS = 20  # a larger swarm's forces, scans and pair distances are drawn less often
+FORCE_LENGTH_M_MAX = 1.2  # arrow of an endless force
+FORCE_HALF = 6.0  # force whose arrow has half that length
+LEVELS: Mapping[EventKind, str] = {
+    "fault": "WARN",
+    "robot-missing": "ERROR",
+    "robot-lost": "WARN",
+    "robot-hung": "WARN",
+    "collision": "ERROR",
+    "message-rejected": "WARN",
+    "recording": "ERROR",
+}  # all others: INFO
+
+Rows = npt.NDArray[np.intp]
+Flags = npt.NDArray[np.bool_]
+
+_MOTION = attrgetter(
+    "pose.x_m",
+    "pose.y_m",
+    "pose.yaw_rad",
+    "twist.speed_mps",
+    "obstacle_clearance_m",
+    "alive",
+    "contact",
+)
+_FORCES = attrgetter(*(f"trace.forces.{name}" for name in FORCES))
+
+
+class Before(msgspec.Struct, frozen=True, eq=False):
+    """What the batch before leaves for the next one."""
+
+    positions: Floats | None = None  # (robots, 2) m
+    states: tuple[str, ...] = ()
+
+
+class Batch(msgspec.Struct, frozen=True, eq=False):
+    """Some consecutive ticks as arrays."""
+
+    scenario: Scenario
+    records: Sequence[TickRecord]
+    before: Before
+    all: Rows  # 0 .. ticks - 1
+    detail: Rows  # those drawn in full
+    ticks: npt.NDArray[np.int64]  # (ticks,)
+    times_s: Floats  # (ticks,)
+    positions: Floats  # (ticks, robots, 2) m
+    headings: Floats  # (ticks, robots, 2) unit vectors
+    speeds_mps: Floats  # (ticks, robots)
+    clearances_m: Floats  # (ticks, robots) to the nearest obstacle
+    stopped: Flags  # (ticks, robots) dead or touching
+    slots: Floats  # (ticks, robots, 2) m, nan where there is none
+
+
+class Drawing(msgspec.Struct, frozen=True, eq=False):
+    """Columns of one entity at some rows of a batch."""
+
+    path: str
+    rows: Rows
+    columns: Sequence[rr.ComponentColumn]
+
+
+def batch(scenario: Scenario, records: Sequence[TickRecord], before: Before) -> Batch:
+    """Arrays of at least one record."""
+    robots = len(scenario.robots)
+    motion = np.array([_MOTION(robot) for record in records for robot in record.robots])
+    motion = motion.reshape(len(records), robots, 7)
+    ticks = np.array([record.tick for record in records], np.int64)
+    return Batch(
+        scenario=scenario,
+        records=records,
+        before=before,
+        all=np.arange(len(records)),
+        detail=np.flatnonzero(ticks % ceil(robots / DETAIL_ROBOTS) == 0),
+        ticks=ticks,
+        times_s=np.array([record.stamp_ns for record in records]) * 1e-9,
+        positions=motion[:, :, :2],
+        headings=np.stack([np.cos(motion[:, :, 2]), np.sin(motion[:, :, 2])], axis=2),
+        speeds_mps=motion[:, :, 3],
+        clearances_m=motion[:, :, 4],
+        stopped=(motion[:, :, 5] == 0.0) | (motion[:, :, 6] != 0.0),
+        slots=np.array([_slots(scenario, record) for record in records]),
+    )
+
+
+def after(batch: Batch) -> Before:
+    """What the next batch needs of this one."""
+    return Before(batch.positions[-1], _states(batch.records[-1]))
+
+
+def _slots(scenario: Scenario, record: TickRecord) -> list[geometry.Vec2]:
+    """Where each follower should be by eq. 39, P_l - d e(alpha + theta_F), else nan.
+
+    As in the metrics: the true pose of the leader that a follower names, that leader's published
+    formation heading, and the nominal slot that the follower publishes.
+    """
+    result = [(nan, nan)] * len(record.robots)
+    if scenario.formation is None:
+        return result
+    rows = {robot.name: row for row, robot in enumerate(scenario.robots)}
+    for row, robot in enumerate(record.robots):
+        beacon = robot.beacon
+        if beacon is None or beacon.leadership is None or not robot.alive:
+            continue
+        leader_row = rows.get(beacon.leadership.name, row)
+        leader, slot = record.robots[leader_row], beacon.slot or scenario.slot(row)
+        if leader_row == row or slot is None or leader.beacon is None or not leader.alive:
+            continue
+        x, y = geometry.unit(slot.bearing_rad + leader.beacon.formation_heading_rad)
+        result[row] = (
+            leader.pose.x_m - slot.distance_m * x,
+            leader.pose.y_m - slot.distance_m * y,
+        )
+    return result
+
+
+def _states(record: TickRecord) -> tuple[str, ...]:
+    """What each robot's time line shows."""
+    return tuple(
+        "collided"
+        if robot.contact
+        else "dead"
+        if not robot.alive
+        else "silent"
+        if robot.beacon is None
+        else robot.beacon.mode
+        for robot in record.robots
+    )
+
+
+# --- the scene ------------------------------------------------------------------------------------
+
+
+def _bodies(batch: Batch) -> Iterator[Drawing]:
+    robots = batch.positions.shape[1]
+    yield Drawing(
+        "world/bodies",
+        batch.all,
+        _points(batch.positions, [robots] * len(batch.all)),
+    )
+
+
+def _headings(batch: Batch) -> Iterator[Drawing]:
+    """From the centre to a little beyond the rim."""
+    radii_m = np.array([robot.body_radius_m for robot in batch.scenario.robots])
+    vectors = 1.6 * radii_m[None, :, None] * batch.headings
+    counts = [vectors.shape[1]] * len(batch.all)
+    yield Drawing("world/headings", batch.all, _arrows(batch.positions, vectors, counts))
+
+
+def _trails(batch: Batch) -> Iterator[Drawing]:
+    """The step of each robot at each tick; the view shows those of the last seconds as one line."""
+    first = batch.positions[0] if batch.before.positions is None else batch.before.positions
+    start = np.concatenate([first[None], batch.positions[:-1]])
+    steps = np.stack([start, batch.positions], axis=2).reshape(-1, 2, 2)
+    columns = rr.LineStrips2D.columns(strips=steps)
+    counts = [batch.positions.shape[1]] * len(batch.all)
+    yield Drawing("world/trails", batch.all, [*columns.partition(counts)])
+
+
+def _stopped(batch: Batch) -> Iterator[Drawing]:
+    """A red dot on each body that is dead or has touched something."""
+    flags = batch.stopped
+    if flags.any() or not {"dead", "collided"}.isdisjoint(batch.before.states):
+        counts = [int(number) for number in flags.sum(axis=1)]
+        yield Drawing("world/stopped", batch.all, _points(batch.positions[flags], counts))
+
+
+def _slot_marks(batch: Batch) -> Iterator[Drawing]:
+    robots = batch.positions.shape[1]
+    if np.isfinite(batch.slots).any():
+        # All robots, so that colours fit; a point that is nan is not drawn.
+        counts = [robots] * len(batch.all)
+        yield Drawing("world/slots", batch.all, _points(batch.slots, counts))
+
+
+def _scan(batch: Batch) -> Iterator[Drawing]:
+    points, counts = [], []
+    for row in batch.detail:
+        found = scan_points(batch.records[row])
+        points.append(found)
+        counts.append(len(found))
+    if counts:
+        yield Drawing("world/scan", batch.detail, _points(np.concatenate(points), counts))
+
+
+def _forces(batch: Batch) -> Iterator[Drawing]:
+    """Arrows of the terms of eq. 38, long forces compressed: |arrow| = max |F| / (|F| + half)."""
+    rows = {robot.name: row for row, robot in enumerate(batch.scenario.robots)}
+    origins, forces, counts = [], [], []
+    for index in batch.detail:
+        commands = batch.records[index].commands
+        origins.append(batch.positions[index, [rows[command.robot] for command in commands]])
+        forces += [_FORCES(command) for command in commands]
+        counts.append(len(commands))
+    if not forces:
+        return
+    vectors = np.array(forces)  # (commands, forces, 2)
+    lengths = np.sqrt((vectors**2).sum(axis=2, keepdims=True))
+    vectors = vectors * FORCE_LENGTH_M_MAX / (lengths + FORCE_HALF)
+    for number, name in enumerate(FORCES):
+        columns = _arrows(np.concatenate(origins), vectors[:, number], counts)
+        yield Drawing(f"world/forces/{name}", batch.detail, columns)
+
+
+def scan_points(record: TickRecord) -> Floats:
+    """(hits, 2) m, world frame: where the beams of all robots ended, misses left out."""
+    if not record.frames:
+        return np.empty((0, 2))
+    beams = record.frames[0].ranges.shape[0]
+    ranges_m = np.frombuffer(b"".join(frame.ranges.data for frame in record.frames), "<f4")
+    hits = np.flatnonzero(np.isfinite(ranges_m))
+    poses = np.array(
+        [(frame.pose.x_m, frame.pose.y_m, frame.pose.yaw_rad) for frame in record.frames]
+    )
+    centres_rad = np.array(geometry.sector_centres(beams))
+    of_frame = poses[hits // beams]
+    angles_rad = of_frame[:, 2] + centres_rad[hits % beams]
+    reach_m = ranges_m[hits].astype(np.float64)
+    return np.stack(
+        [
+            of_frame[:, 0] + reach_m * np.cos(angles_rad),
+            of_frame[:, 1] + reach_m * np.sin(angles_rad),
+        ],
+        axis=1,
+    )
+
+
+# --- plots, events, states ------------------------------------------------------------------------
+
+
+def _formation_error(batch: Batch) -> Iterator[Drawing]:
+    """Distance of each follower from its slot, and the largest of them."""
+    apart = batch.positions - batch.slots
+    errors_m = np.sqrt((apart**2).sum(axis=2))
+    rows = np.flatnonzero(np.isfinite(errors_m).any(axis=1))
+    if len(rows) == 0:
+        return
+    counts = [errors_m.shape[1]] * len(rows)
+    yield Drawing("plots/formation_error", rows, _scalars(errors_m[rows], counts))
+    largest_m = np.nanmax(errors_m[rows], axis=1)
+    yield Drawing("plots/formation_error_max", rows, _scalars(largest_m, [1] * len(rows)))
+
+
+def _clearance(batch: Batch) -> Iterator[Drawing]:
+    """Smallest distance of surfaces: robot to obstacle, robot to robot; nan where there is none."""
+    if len(batch.detail) == 0:
+        return
+    radii_m = np.array([robot.body_radius_m for robot in batch.scenario.robots])
+    touching_m = radii_m[:, None] + radii_m[None, :]
+    np.fill_diagonal(touching_m, -inf)
+    smallest = np.full((len(batch.detail), 2), nan)
+    for number, row in enumerate(batch.detail):
+        apart = batch.positions[row][:, None] - batch.positions[row][None, :]
+        between_m = float((np.sqrt((apart**2).sum(axis=2)) - touching_m).min())
+        obstacle_m = float(batch.clearances_m[row].min())
+        smallest[number] = [value if isfinite(value) else nan for value in (obstacle_m, between_m)]
+    yield Drawing("plots/clearance", batch.detail, _scalars(smallest, [2] * len(batch.detail)))
+
+
+def _speed(batch: Batch) -> Iterator[Drawing]:
+    counts = [batch.speeds_mps.shape[1]] * len(batch.all)
+    yield Drawing("plots/speed", batch.all, _scalars(batch.speeds_mps, counts))
+
+
+def _events(batch: Batch) -> Iterator[Drawing]:
+    rows, texts, levels = [], [], []
+    for row, record in enumerate(batch.records):
+        for event in record.events:
+            rows.append(row)
+            texts.append(event_text(event))
+            levels.append(LEVELS.get(event.kind, "INFO"))
+    if rows:
+        columns = [*rr.TextLog.columns(text=texts, level=levels)]
+        yield Drawing("events", np.array(rows), columns)
+
+
+def event_text(event: Event) -> str:
+    """One line for a person."""
+    who = "" if event.robot is None else f" {event.robot}"
+    return f"{event.kind}{who}{': ' if event.text else ''}{event.text}"
+
+
+def _state_changes(batch: Batch) -> Iterator[Drawing]:
+    """One time line per robot, a row only where it changes."""
+    if len(batch.scenario.robots) > STATE_ROBOTS_MAX:
+        return
+    changes: dict[int, list[tuple[int, str]]] = {}
+    states = batch.before.states
+    for row, record in enumerate(batch.records):
+        now = _states(record)
+        for robot, state in enumerate(now):
+            if not states or states[robot] != state:
+                changes.setdefault(robot, []).append((row, state))
+        states = now
+    for robot, found in changes.items():
+        rows = np.array([row for row, _ in found])
+        columns = [*rr.StateChange.columns(state=[state for _, state in found])]
+        yield Drawing(f"robots/{batch.scenario.robots[robot].name}", rows, columns)
+
+
+VIEWS: tuple[Callable[[Batch], Iterator[Drawing]], ...] = (
+    _bodies,
+    _headings,
+    _trails,
+    _stopped,
+    _slot_marks,
+    _scan,
+    _forces,
+    _formation_error,
+    _clearance,
+    _speed,
+    _events,
+    _state_changes,
+)
+
+
+# --- columns --------------------------------------------------------------------------------------
+
+
+def _points(positions: Floats, counts: Sequence[int]) -> list[rr.ComponentColumn]:
+    columns = rr.Points2D.columns(positions=positions.reshape(-1, 2))
+    return [*columns.partition(counts)]
+
+
+def _arrows(origins: Floats, vectors: Floats, counts: Sequence[int]) -> list[rr.ComponentColumn]:
+    columns = rr.Arrows2D.columns(origins=origins.reshape(-1, 2), vectors=vectors.reshape(-1, 2))
+    return [*columns.partition(counts)]
+
+
+def _scalars(values: Floats, counts: Sequence[int]) -> list[rr.ComponentColumn]:
+    return [*rr.Scalars.columns(scalars=values.ravel()).partition(counts)]

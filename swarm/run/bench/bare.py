@@ -1,0 +1,114 @@
+"""The floor of the barrier: the same processes and payloads over Zenoh, and nothing else.
+
+    world (router) --frame of the real length--> robot --command of the real length--> world
+
+No decoding, no thinking, no bus. The configuration is the best one measured for this exchange and
+is written here a second time on purpose: a floor that shared the product's configuration would
+sink with it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from multiprocessing.connection import Connection
+
+import msgspec
+import zenoh
+
+from swarm import lifetime
+from swarm.run.bench import processes
+
+# one worker thread does everything; only for leaves, it deadlocks a node that forwards
+LEAF_RUNTIME = (
+    "(rx:(handover:app),tx:(handover:app),acc:(handover:app),net:(handover:app),"
+    "app:(worker_threads:1))"
+)
+QUEUE_MAX = 4096  # messages; at the bound the BLOCK sender waits
+WARM_UP_TICKS = 20
+
+
+class Barrier(msgspec.Struct, frozen=True):
+    """What every process of it knows."""
+
+    endpoint: str
+    bench_pid: int
+    frame_bytes: tuple[int, ...]  # per robot
+    command_bytes: tuple[int, ...]
+
+
+def world(barrier: Barrier, robot_pids: list[int], window_s: float, sender: Connection) -> None:
+    """Tick until the window has passed, send what it cost."""
+    _adopt("world", barrier)
+    config = _config("router")
+    config.insert_json5("listen/endpoints", json.dumps([barrier.endpoint]))
+    with zenoh.open(config) as session:
+        commands = session.declare_subscriber(
+            "bare/command/*", zenoh.handlers.FifoChannel(QUEUE_MAX)
+        )
+        tokens = session.liveliness().declare_subscriber(
+            "bare/alive/*", zenoh.handlers.FifoChannel(QUEUE_MAX), history=True
+        )
+        frames = [
+            (_publisher(session, f"bare/frame/{row}"), bytes(size))
+            for row, size in enumerate(barrier.frame_bytes)
+        ]
+        for _ in frames:
+            tokens.recv()
+        meter = processes.Meter([os.getpid(), *robot_pids], window_s)
+        tick, window = 0, None
+        while window is None:
+            for publisher, payload in frames:
+                publisher.put(payload)
+            for _ in frames:
+                commands.recv().payload.to_bytes()
+            tick += 1
+            window = meter.look(tick) if tick >= WARM_UP_TICKS else None
+        processes.send(sender, window)
+
+
+def robot(barrier: Barrier, row: int) -> None:
+    """Answer every frame until ended."""
+    _adopt(f"robot{row + 1}", barrier)
+    os.environ["ZENOH_RUNTIME"] = LEAF_RUNTIME  # read by zenoh at its first use
+    config = _config("client")
+    config.insert_json5("connect/endpoints", json.dumps([barrier.endpoint]))
+    config.insert_json5("connect/timeout_ms", "20000")
+    config.insert_json5(
+        "connect/retry",
+        json.dumps({"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5}),
+    )
+    with zenoh.open(config) as session:
+        commands = _publisher(session, f"bare/command/{row}")
+        payload = bytes(barrier.command_bytes[row])
+        frames = session.declare_subscriber(
+            f"bare/frame/{row}", zenoh.handlers.FifoChannel(QUEUE_MAX)
+        )
+        token = session.liveliness().declare_token(f"bare/alive/{row}")
+        while token is not None:  # it lives as long as it is referenced
+            frames.recv().payload.to_bytes()
+            commands.put(payload)
+
+
+def _adopt(name: str, barrier: Barrier) -> None:
+    lifetime.adopt(name, None, lifetime.Stop(), barrier.bench_pid)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing here looks at the Stop
+
+
+def _config(mode: str) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in {
+        "mode": mode,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "scouting/delay": 0,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": 500,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def _publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
+    return session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)

@@ -1,0 +1,81 @@
+"""Runs of the real command line, and the processes that belong to them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+
+SWARM = (sys.executable, "-m", "swarm.run.cli")
+
+
+def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """`swarm ARGUMENTS` with `folder` as working directory, which marks all its processes."""
+    return subprocess.Popen(
+        [*SWARM, *arguments],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
+        text=True,
+    )
+
+
+def swarm(
+    folder: Path, *arguments: str, timeout_s: float = 120.0
+) -> subprocess.CompletedProcess[str]:
+    """Run `swarm ARGUMENTS` to its end."""
+    return subprocess.run(
+        [*SWARM, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        timeout=120.0,
+        check=False,
+    )
+
+
+def belonging(folder: Path) -> list[psutil.Process]:
+    """Live processes of the runs started in `folder`, the supervisor included."""
+    found = []
+    for process in psutil.process_iter():
+        try:
+            if process.status() != psutil.STATUS_ZOMBIE and process.cwd() == str(folder):
+                found.append(process)
+        except psutil.Error:
+            continue
+    return found
+
+
+def named(folder: Path, *prefixes: str) -> list[psutil.Process]:
+    """Those of them whose name begins with one of the prefixes."""
+    found = []
+    for process in belonging(folder):
+        try:
+            if process.name().startswith(prefixes):
+                found.append(process)
+        except psutil.Error:
+            continue
+    return found
+
+
+def until(condition: Callable[[], object], timeout_s: float, what: str) -> None:
+    """Poll a condition with a deadline."""
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline_s, f"not within {timeout_s:g} s: {what}"
+        time.sleep(0.01)
+
+
+def end_all(folder: Path) -> None:
+    """Leave nothing behind, whatever a test did."""
+    for process in belonging(folder):
+        try:
+            process.kill()
+        except psutil.Error:
+            continue

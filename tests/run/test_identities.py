@@ -1,0 +1,99 @@
+"""The three identities, on real processes.
+
+    same scenario and seed twice  =  the same bytes
+    N processes over Zenoh        =  the same swarm in memory
+    replay of a recording         =  what was recorded
+
+Repeat by hand:  swarm run SCENARIO --json;  the same with --bus memory;  swarm replay RUN
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from swarm import recording, scenario
+from swarm.run import cli, lockstep, replay
+from swarm.score import Score
+from tests.run import processes
+
+SCENARIOS = ("two-obstacles", "random-field")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    yield tmp_path
+    processes.end_all(tmp_path)
+
+
+@pytest.fixture
+def burning() -> Iterator[None]:
+    """Two processes that take all the time of both cores they can get."""
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    yield
+    for burner in burners:
+        burner.kill()
+        burner.wait()
+
+
+def run(folder: Path, name: str, out: str, *arguments: str) -> str:
+    done = processes.swarm(folder, "run", name, "--out", out, "--json", "-q", *arguments)
+    assert done.returncode == 0, done.stderr
+    return str(json.loads(done.stdout)["state_hash"])
+
+
+@pytest.mark.usefixtures("burning")
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_identities_hold_while_others_burn_the_cores(folder: Path, name: str) -> None:
+    first = run(folder, name, "first")
+    assert run(folder, name, "second") == first
+    assert run(folder, name, "memory", "--bus", "memory") == first
+    for out in ("first", "memory"):
+        found = replay.replay(folder / out / "run.mcap")
+        assert found.ok
+        assert found.difference is None
+        assert found.state_hash == found.recorded_hash == first
+
+
+def short(seed: int = 1, *settings: str) -> Score:
+    _, where, data = cli.read_scenario("two-obstacles")
+    plan = scenario.decode(data, where, seed=seed, duration_s=4.0, settings=settings)
+    return lockstep.run(plan).score
+
+
+def test_state_hash_tells_runs_apart_but_not_their_names() -> None:
+    first = short().hash.hexdigest()
+    assert short().hash.hexdigest() == first
+    assert short(1, "field.k_r=29.0").hash.hexdigest() != first
+    assert short(1, "title='another'", "recording.flush_ticks=1").hash.hexdigest() == first
+
+
+def test_replay_of_one_robot_and_of_a_changed_recording(folder: Path) -> None:
+    done = processes.swarm(
+        folder, "run", "two-obstacles", "--duration", "4", "--bus", "memory", "--out", "run", "-q"
+    )
+    assert done.returncode == 1  # a timeout
+    path = folder / "run" / "run.mcap"
+    assert replay.replay(path, "robot2").ok
+    source = recording.read(path)
+    ticks = list(source.ticks)
+    wrong = ticks[30].commands[2]
+    faster = msgspec.structs.replace(wrong.set_point, speed_mps=wrong.set_point.speed_mps + 1e-12)
+    commands = list(ticks[30].commands)
+    commands[2] = msgspec.structs.replace(wrong, set_point=faster)
+    ticks[30] = msgspec.structs.replace(ticks[30], commands=tuple(commands))
+    with recording.Writer(folder / "changed.mcap", source.scenario_toml, source.metadata) as writer:
+        for record in ticks:
+            writer.write(record)
+    found = replay.replay(folder / "changed.mcap")
+    assert not found.ok
+    assert found.difference is not None
+    assert found.difference.tick == 30
+    assert found.difference.robot == wrong.robot
+    assert found.difference.field == "command.set_point.speed_mps"

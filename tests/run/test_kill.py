@@ -1,0 +1,172 @@
+"""Real processes killed at random moments: nothing is left, and what was recorded can be read."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import psutil
+import pytest
+
+import tests.run.processes as processes
+from swarm import errors, messages, recording, runs, zenoh_bus
+
+RATE = 8.0  # x real time, so that a run lasts about 5 s
+DT_S = 0.08
+FLUSH_S = 0.5  # wall
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    yield tmp_path
+    processes.end_all(tmp_path)
+
+
+def tick_now(folder: Path) -> int | None:
+    """Tick at which the run in `folder` is, None while it has not begun."""
+    for card in runs.running():
+        if Path(card.folder).parent == folder:
+            try:
+                bus = zenoh_bus.open_client(
+                    card.run, card.endpoint, name="supervisor", connect_timeout_s=1.0
+                )
+            except errors.BusError:
+                return None
+            try:
+                reply = bus.ask(messages.CONTROL, messages.ControlRequest("status"), 1.0)
+                status = msgspec.msgpack.decode(reply.body, type=messages.Status)
+                return status.tick if status.state == "running" else None
+            except errors.BusError:
+                return None
+            finally:
+                bus.close()
+    return None
+
+
+def strike(folder: Path, run: subprocess.Popen[str], what: str, choice: random.Random) -> None:
+    if what == "supervisor":
+        run.kill()
+    elif what in ("SIGINT", "SIGTERM"):
+        run.send_signal(signal.Signals[what])
+    else:
+        prefixes = ("swarm-world",) if what == "world" else ("swarm-leader", "swarm-robot")
+        victims = processes.named(folder, *prefixes)
+        if victims:
+            choice.choice(sorted(victims, key=lambda one: one.name())).kill()
+
+
+def check_recording(out: Path, tick_before: int | None) -> None:
+    """All but the last simulated second, or half a second of wall time, can be read."""
+    path = out / runs.MCAP
+    if not path.exists():
+        assert tick_before is None, "a run that ticks has a recording"
+        return
+    if not recording.verify(path).ok:
+        recording.repair(path)
+    assert recording.verify(path).ok, recording.verify(path)
+    last = max((record.tick for record in recording.read(path).ticks), default=-1)
+    if tick_before is not None:
+        lost_ticks = max(1.0, FLUSH_S * RATE) / DT_S + 1
+        assert last >= tick_before - lost_ticks
+
+
+@pytest.mark.parametrize("what", ["supervisor", "world", "robot", "SIGINT", "SIGTERM"])
+def test_nothing_is_left_and_the_recording_reads_when_killed(  # `kill` by --kills
+    folder: Path, what: str, kill: int
+) -> None:
+    choice = random.Random(f"{what}-{kill}")
+    run = processes.start(
+        folder, "run", "two-obstacles", "--rate", str(RATE), "--out", "out", "--quiet"
+    )
+    delay_s = choice.uniform(0.1, 5.0)
+    deadline_s = time.monotonic() + delay_s
+    processes.until(
+        lambda: time.monotonic() >= deadline_s or run.poll() is not None, 10.0, "the moment"
+    )
+    tick_before = tick_now(folder)
+    strike(folder, run, what, choice)
+    if what == "robot":  # the others go on; then the run ends by itself
+        _, said = run.communicate(timeout=60.0)
+        assert run.returncode in (0, 1), said
+    else:
+        struck_s = time.monotonic()
+        run.communicate(timeout=10.0)
+        processes.until(lambda: not processes.belonging(folder), 5.0, f"all end after {what}")
+        assert time.monotonic() - struck_s < 5.5
+        if what in ("SIGINT", "SIGTERM"):
+            assert run.returncode in (130, 0, -signal.Signals[what], 1)
+    processes.until(lambda: not processes.belonging(folder), 5.0, "all end")
+    check_recording(folder / "out", tick_before)
+
+
+def test_ctrl_c_is_130_and_completes_the_recording(folder: Path) -> None:
+    run = processes.start(folder, "run", "two-obstacles", "--rate", str(RATE), "--out", "out")
+    processes.until(lambda: (tick_now(folder) or 0) > 20, 30.0, "ticks")
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=10.0)
+    assert run.returncode == 130, said
+    verdict = recording.verify(folder / "out" / runs.MCAP)
+    assert verdict.ok
+    assert verdict.complete
+    assert (folder / "out" / runs.SUMMARY).exists()
+    assert processes.belonging(folder) == []
+
+
+def test_world_killed_is_exit_1_and_says_how_to_mend_the_recording(folder: Path) -> None:
+    run = processes.start(folder, "run", "two-obstacles", "--rate", str(RATE), "--out", "out")
+    processes.until(lambda: (tick_now(folder) or 0) > 20, 30.0, "ticks")
+    processes.named(folder, "swarm-world")[0].kill()
+    _, said = run.communicate(timeout=10.0)
+    assert run.returncode == 1
+    assert "world killed by SIGKILL" in said
+    assert "swarm verify" in said
+    assert "--repair" in said
+
+
+def test_robot_killed_by_hand_does_not_stop_the_others(folder: Path) -> None:
+    run = processes.start(
+        folder, "run", "head-on-pairs", "--rate", str(RATE), "--out", "out", "--json"
+    )
+    processes.until(lambda: (tick_now(folder) or 0) > 20, 30.0, "ticks")
+    processes.named(folder, "swarm-robot6")[0].kill()
+    printed, said = run.communicate(timeout=60.0)
+    assert run.returncode == 1, said
+    summary = msgspec.json.decode(printed)
+    outcomes = {row["name"]: row["outcome"] for row in summary["per_robot"]}
+    assert outcomes.pop("robot6") == "failed"
+    assert set(outcomes.values()) == {"arrived"}
+    assert "robot-lost robot6" in said
+
+
+def test_process_names_are_where_pgrep_looks(folder: Path) -> None:
+    run = processes.start(folder, "run", "two-obstacles", "--rate", "4", "--out", "out", "-q")
+    wanted = ("swarm-world", "swarm-leader", "swarm-robot")
+    processes.until(lambda: len(processes.named(folder, *wanted)) == 7, 30.0, "7 processes")
+    assert processes.named(folder, "swarm-run")
+    run.send_signal(signal.SIGTERM)
+    run.communicate(timeout=10.0)
+    assert processes.belonging(folder) == []
+
+
+def test_paused_supervisor_pauses_the_run(folder: Path) -> None:
+    run = processes.start(folder, "run", "two-obstacles", "--rate", "2", "--out", "out", "-q")
+    processes.until(lambda: (tick_now(folder) or 0) > 5, 30.0, "ticks")
+    psutil.Process(run.pid).suspend()
+    ticks: list[int | None] = []
+
+    def still() -> bool:
+        ticks.append(tick_now(folder))
+        return len(ticks) > 5 and ticks[-5] == ticks[-1] is not None
+
+    processes.until(still, 10.0, "the same tick five times")
+    psutil.Process(run.pid).resume()
+    stood = ticks[-1] or 0
+    processes.until(lambda: (tick_now(folder) or 0) > stood, 10.0, "ticks go on")
+    run.send_signal(signal.SIGINT)
+    run.communicate(timeout=10.0)
+    assert run.returncode == 130
