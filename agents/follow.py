@@ -9,7 +9,7 @@ The two never act together: the gradient of the field and the PID term would mak
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import atan2, cos, sin
+from math import atan2, cos, inf, sin
 from typing import Literal
 
 import msgspec
@@ -276,7 +276,8 @@ def avoid(
         wanted_rad if free_rad is None else free_rad,
         setup.field.attraction_follower_m * min(1.0, speed_mps / ATTRACTION_FULL_MPS),
     )
-    repulsive = field.repulsive(setup.field, map.arcs, pose.yaw_rad, setup.sensor.range_m)
+    # The rule for goals near obstacles (eq. 33) is for goals that stand: this one moves on.
+    repulsive = field.repulsive(setup.field, map.arcs, pose.yaw_rad, inf)
     if free_rad is not None:
         repulsive = field.without_opposition(repulsive, free_rad)
     rotating = field.rotating(setup.field, map.clusters, pose.yaw_rad, wanted_rad)

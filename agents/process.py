@@ -49,6 +49,7 @@ def main(arguments: Arguments) -> int:
         print(f"swarm-{arguments.name}: {error}", file=sys.stderr, flush=True)
         return error.exit_code
     try:
+        lifetime.heed_signals(stop)
         stop.wake = bus.wake
         shell = RobotShell(bus, ask_setup(bus, arguments.name), arguments.incarnation)
         shell.loop(stop)

@@ -237,7 +237,11 @@ def restrain(
 
 
 def beacon(setup: RobotSetup, state: State, frame: SensorFrame, wish: Wish) -> Beacon:
-    """What this robot tells its peers about itself."""
+    """What this robot tells its peers about itself.
+
+    Its twist is the set-point, which the body can reach in this tick and has when the beacon is
+    heard; with the measured one, a tick older, followers stop up to 0.03 m from their slots.
+    """
     robot = setup.robot
     return Beacon(
         name=robot.name,

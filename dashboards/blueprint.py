@@ -23,25 +23,26 @@ def blueprint(scenario: Scenario, obstacles: Sequence[Obstacle]) -> rrb.Blueprin
         visual_bounds=rrb.VisualBounds2D(x_range=[x_min, x_max], y_range=[-y_max, -y_min]),
         overrides={"world/trails": _last(TRAIL_S)},
     )
-    events = rrb.TextLogView(name="Events", origin="/events")
-    plots: list[rrb.View | rrb.Container] = [
+    left: list[rrb.View | rrb.Container] = [scene]
+    if len(scenario.robots) <= stage.STATE_ROBOTS_MAX:
+        left.append(rrb.StateTimelineView(name="Modes", origin="/robots", contents="/robots/**"))
+    right: list[rrb.View | rrb.Container] = [
         _plot("Clearance [m]", "clearance"),
+        _plot("Speed [m/s]", "speed"),
         rrb.Tabs(
-            events,
-            _plot("Speed [m/s]", "speed"),
+            _events(),
             rrb.TextDocumentView(name="Run", origin="/info"),
             active_tab=0,
         ),
     ]
     if scenario.formation is not None:
-        plots.insert(0, _plot("Formation error [m]", "formation_error", "formation_error_max"))
-    below: list[rrb.View | rrb.Container] = [rrb.Horizontal(*plots)]
-    shares = [3.0, 1.6]
-    if len(scenario.robots) <= stage.STATE_ROBOTS_MAX:
-        below.append(rrb.StateTimelineView(name="Modes", origin="/robots", contents="/robots/**"))
-        shares.append(1.2)
+        right.insert(0, _plot("Formation error [m]", "formation_error_max", "formation_error"))
     return rrb.Blueprint(
-        rrb.Vertical(scene, *below, row_shares=shares),
+        rrb.Horizontal(
+            rrb.Vertical(*left, row_shares=[5.0, 2.5][: len(left)]),
+            rrb.Vertical(*right),
+            column_shares=[5.0, 2.5],
+        ),
         rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="following"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
@@ -56,6 +57,18 @@ def _plot(name: str, *entities: str) -> rrb.TimeSeriesView:
         origin="/plots",
         contents=[f"/plots/{entity}" for entity in entities],
         plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def _events() -> rrb.TextLogView:
+    kinds = (rrb.encodings.TextLogColumnKind.LogLevel, rrb.encodings.TextLogColumnKind.Body)
+    return rrb.TextLogView(
+        name="Events",
+        origin="/events",
+        columns=rrb.TextLogColumns(
+            timeline_columns=[rrb.encodings.TimelineColumn("sim_time")],
+            text_log_columns=[rrb.encodings.TextLogColumn(kind) for kind in kinds],
+        ),
     )
 
 

@@ -16,7 +16,7 @@ import foxglove.messages as fm
 import numpy as np
 import numpy.typing as npt
 
-from dashboards import stage, views
+from dashboards import snapshot, stage, views
 from swarm import geometry
 from swarm.geometry import Floats
 from swarm.messages import TickRecord
@@ -31,19 +31,18 @@ NOSE_POINTS = 5  # from its centre to the rim
 RISE_M = 0.05  # bodies above scans above obstacles, when seen from above
 
 Bytes = npt.NDArray[np.uint8]
-Points = npt.NDArray[np.void]
+Cloud = npt.NDArray[np.float32]  # (..., 4): x_m, y_m, z_m, colour's bytes
 
-_POINT = np.dtype([("position", "<f4", 3), ("colour", "u1", 4)])
+_POINT_BYTES = 16  # x, y, z as float32, then red, green, blue, alpha
+_NUMBER = fm.PackedElementFieldNumericType
 _FIELDS = [
     *(
-        fm.PackedElementField(
-            name=name, offset=4 * i, type=fm.PackedElementFieldNumericType.Float32
-        )
-        for i, name in enumerate(("x", "y", "z"))
+        fm.PackedElementField(name=name, offset=4 * place, type=_NUMBER.Float32)
+        for place, name in enumerate(("x", "y", "z"))
     ),
     *(
-        fm.PackedElementField(name=name, offset=12 + i, type=fm.PackedElementFieldNumericType.Uint8)
-        for i, name in enumerate(("red", "green", "blue", "alpha"))
+        fm.PackedElementField(name=name, offset=12 + place, type=_NUMBER.Uint8)
+        for place, name in enumerate(("red", "green", "blue", "alpha"))
     ),
 ]
 _LEVELS = {
@@ -55,7 +54,6 @@ _LEVELS = {
 
 def channels(scenario: Scenario, obstacles: tuple[Obstacle, ...]) -> tuple[Channel, ...]:
     """Channels for `recording.Writer`; each gives at most one message per tick."""
-    motion = _Motion()
     names = [robot.name for robot in scenario.robots]
     transforms = _Template(
         lambda numbers, stamp: fm.FrameTransforms(
@@ -83,20 +81,20 @@ def channels(scenario: Scenario, obstacles: tuple[Obstacle, ...]) -> tuple[Chann
     )
     bodies = _bodies(scenario)
     still = _outlines(obstacles)
-    stride = ceil(len(names) / views.DETAIL_ROBOTS)
+    stride = snapshot.scan_ticks(len(names))
 
     def scans(record: TickRecord) -> bytes | None:
         if record.tick % stride:
             return None
-        return _cloud(record, _points(views.scan_points(record), stage.SCAN, RISE_M))
+        return _cloud(record, _points(snapshot.scan(record), stage.SCAN, RISE_M))
 
     def standing(record: TickRecord) -> bytes | None:
         return _cloud(record, still) if record.tick % OBSTACLES_TICKS == 0 and len(still) else None
 
     return (
-        _channel("/tf", fm.FrameTransforms, lambda r: transforms.encode(motion.of(r), r.stamp_ns)),
-        _channel("/poses", fm.PosesInFrame, lambda r: poses.encode(motion.of(r), r.stamp_ns)),
-        _channel("/bodies", fm.PointCloud, lambda r: _cloud(r, bodies(motion.of(r)))),
+        _channel("/tf", fm.FrameTransforms, lambda r: transforms.encode(r)),
+        _channel("/poses", fm.PosesInFrame, lambda r: poses.encode(r)),
+        _channel("/bodies", fm.PointCloud, lambda r: _cloud(r, bodies(snapshot.motion(r)))),
         _channel("/scans", fm.PointCloud, scans),
         _channel("/obstacles", fm.PointCloud, standing),
         _channel("/log", fm.Log, lambda r: _log(r) if r.events else None),
@@ -115,22 +113,6 @@ def _channel(
 # --- poses ----------------------------------------------------------------------------------------
 
 
-class _Motion:
-    """(robots, 4) x, y and the quaternion's z, w of a record; kept until the next record."""
-
-    def __init__(self) -> None:
-        self._record: TickRecord | None = None
-        self._numbers: Floats = np.empty((0, 4))
-
-    def of(self, record: TickRecord) -> Floats:
-        if record is not self._record:
-            poses = np.array([(r.pose.x_m, r.pose.y_m, r.pose.yaw_rad) for r in record.robots])
-            half_rad = 0.5 * poses[:, 2]
-            self._numbers = np.column_stack([poses[:, :2], np.sin(half_rad), np.cos(half_rad)])
-            self._record = record
-        return self._numbers
-
-
 class _Template:
     """A message whose bytes stay where they are while its numbers change.
 
@@ -142,15 +124,16 @@ class _Template:
         self._encode = encode
         self._known: dict[int, tuple[Bytes, npt.NDArray[np.intp], npt.NDArray[np.intp]]] = {}
 
-    def encode(self, numbers: Floats, stamp_ns: int) -> bytes:
-        """Bytes of the message with these numbers, (robots, 4), and this stamp."""
-        stamp = _stamp_bytes(stamp_ns)
+    def encode(self, record: TickRecord) -> bytes:
+        """Bytes of the message for the poses and the stamp of a record."""
+        stamp = _stamp_bytes(record.stamp_ns)
+        numbers = snapshot.placements(record)
         if len(stamp) not in self._known:
-            self._known[len(stamp)] = self._learn(numbers.shape, stamp_ns, stamp)
+            self._known[len(stamp)] = self._learn(numbers.shape, record.stamp_ns, stamp)
         template, stamps_at, numbers_at = self._known[len(stamp)]
         result = template.copy()
         result[stamps_at] = np.frombuffer(stamp, np.uint8)
-        result[numbers_at] = np.ascontiguousarray(numbers, "<f8").view(np.uint8).reshape(-1, 8)
+        result[numbers_at] = numbers.view(np.uint8).reshape(-1, 8)
         return result.tobytes()
 
     def _learn(
@@ -177,48 +160,47 @@ def _timestamp(stamp_ns: int) -> fm.Timestamp:
 
 
 def _stamp_bytes(stamp_ns: int) -> bytes:
-    """google.protobuf.Timestamp: varints seconds = 1, nanos = 2, both left out when zero."""
+    """google.protobuf.Timestamp: seconds = 1, nanos = 2, each left out when zero."""
+    seconds, nanos = divmod(stamp_ns, 1_000_000_000)
+    return (b"\x08" + _varint(seconds) if seconds else b"") + (
+        b"\x10" + _varint(nanos) if nanos else b""
+    )
+
+
+def _varint(number: int) -> bytes:
     result = bytearray()
-    for tag, number in zip((0x08, 0x10), divmod(stamp_ns, 1_000_000_000), strict=True):
-        if number:
-            result.append(tag)
-            while number > 0x7F:
-                result.append(number & 0x7F | 0x80)
-                number >>= 7
-            result.append(number)
+    while number > 0x7F:
+        result.append(number & 0x7F | 0x80)
+        number >>= 7
+    result.append(number)
     return bytes(result)
 
 
 # --- clouds ---------------------------------------------------------------------------------------
 
 
-def _bodies(scenario: Scenario) -> Callable[[Floats], Points]:
-    """Rim and nose of every robot as points in its colour, (robots * points,)."""
+def _bodies(scenario: Scenario) -> Callable[[Floats], Cloud]:
+    """Rim and nose of every robot as points in its colour, (robots * points, 4)."""
     rim = np.array([geometry.unit(angle) for angle in geometry.sector_centres(BODY_POINTS)])
     nose = np.column_stack([np.linspace(0.0, 1.0, NOSE_POINTS), np.zeros(NOSE_POINTS)])
-    shape = np.concatenate([rim, nose])
     radii_m = np.array([robot.body_radius_m for robot in scenario.robots])
-    local = radii_m[:, None, None] * shape  # (robots, points, 2)
-    template = np.empty(local.shape[:2], _POINT)
-    template["position"] = 2.0 * RISE_M
-    template["colour"] = _rgba(stage.colours(scenario))[:, None]
+    ahead, left = np.moveaxis(radii_m[:, None, None] * np.concatenate([rim, nose]), 2, 0)
+    template = np.empty((*ahead.shape, 4), "<f4")
+    template[:, :, 2] = 2.0 * RISE_M
+    template[:, :, 3] = _as_number(stage.colours(scenario))[:, None]
 
-    def draw(numbers: Floats) -> Points:
-        z, w = numbers[:, 2, None], numbers[:, 3, None]
-        cos, sin = 1.0 - 2.0 * z * z, 2.0 * z * w
+    def draw(motion: Floats) -> Cloud:
+        yaw_rad = motion[:, snapshot.YAW, None]
+        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
         points = template.copy()
-        points["position"][:, :, 0] = (
-            numbers[:, 0, None] + cos * local[..., 0] - sin * local[..., 1]
-        )
-        points["position"][:, :, 1] = (
-            numbers[:, 1, None] + sin * local[..., 0] + cos * local[..., 1]
-        )
-        return points.ravel()
+        points[:, :, 0] = motion[:, snapshot.X, None] + cos * ahead - sin * left
+        points[:, :, 1] = motion[:, snapshot.Y, None] + sin * ahead + cos * left
+        return points
 
     return draw
 
 
-def _outlines(obstacles: Sequence[Obstacle]) -> Points:
+def _outlines(obstacles: Sequence[Obstacle]) -> Cloud:
     pieces: list[Floats] = [np.empty((0, 2))]
     for obstacle in obstacles:
         if obstacle.circle is not None:
@@ -235,28 +217,32 @@ def _outlines(obstacles: Sequence[Obstacle]) -> Points:
     return _points(np.concatenate(pieces), stage.OBSTACLE_EDGE, 0.0)
 
 
-def _points(positions: Floats, colour: int, height_m: float) -> Points:
-    points = np.empty(len(positions), _POINT)
-    points["position"][:, :2] = positions
-    points["position"][:, 2] = height_m
-    points["colour"] = _rgba(np.array([colour], np.uint32))
+def _points(positions: Floats, colour: int, height_m: float) -> Cloud:
+    points = np.empty((len(positions), 4), "<f4")
+    points[:, :2] = positions
+    points[:, 2] = height_m
+    points[:, 3] = _as_number(np.array([colour], np.uint32))
     return points
 
 
-def _rgba(colours: stage.Colours) -> Bytes:
-    """(colours, 4) bytes red, green, blue, alpha."""
-    return colours.astype(">u4").view(np.uint8).reshape(-1, 4)
+def _as_number(colours: stage.Colours) -> Cloud:
+    """(colours,) the bytes red, green, blue, alpha taken for a float32; only ever copied."""
+    return colours.astype(">u4").view("<f4")
 
 
-def _cloud(record: TickRecord, points: Points) -> bytes:
-    return fm.PointCloud(
-        timestamp=_timestamp(record.stamp_ns),
-        frame_id=FRAME,
-        pose=fm.Pose(position=fm.Vector3(), orientation=fm.Quaternion(w=1.0)),
-        point_stride=_POINT.itemsize,
-        fields=_FIELDS,
-        data=points.tobytes(),
-    ).encode()
+_CLOUD = fm.PointCloud(
+    frame_id=FRAME,
+    pose=fm.Pose(position=fm.Vector3(), orientation=fm.Quaternion(w=1.0)),
+    point_stride=_POINT_BYTES,
+    fields=_FIELDS,
+).encode()
+
+
+def _cloud(record: TickRecord, points: Cloud) -> bytes:
+    """A PointCloud: stamp (field 1), what never changes, data (field 6), as Foxglove has them."""
+    stamp, data = _stamp_bytes(record.stamp_ns), points.tobytes()
+    head = bytes([0x0A, len(stamp)]) + stamp + _CLOUD
+    return head + b"\x32" + _varint(len(data)) + data if data else head
 
 
 # --- events ---------------------------------------------------------------------------------------

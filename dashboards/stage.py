@@ -16,6 +16,8 @@ from swarm import geometry
 from swarm.geometry import Floats
 from swarm.scenario import Obstacle, Scenario
 
+RING = np.array([geometry.unit(angle) for angle in np.linspace(0.0, geometry.TAU, 49)])
+
 Colours = npt.NDArray[np.uint32]  # RGBA
 Static = Sequence[rr.AsComponents]
 
@@ -26,11 +28,13 @@ BACKGROUND = (20, 23, 28)
 OBSTACLE = 0x4A5568FF
 OBSTACLE_EDGE = 0x8A97ADFF
 SCAN = 0xE8B26AFF
-HEADING = 0xF7FAFCFF
+HEADING = 0x0B0D10FF  # upon the light body
 STOPPED = 0xFF4D4DFF
 LEADER = 0xFFE08AFF
+LARGEST = 0x4A5568FF
 BETWEEN_ROBOTS = 0xC084FCFF
 FORCE_COLOURS = (0x4ADE80FF, 0xF87171FF, 0xFACC15FF, 0xC084FCFF, 0xFFFFFFFF)  # as in FORCES
+ABOVE = 50.0  # drawing order; Rerun's own for points is 30
 STATE_COLOURS: Mapping[str, int] = {
     "GO": 0x4299E1FF,
     "FORM": 0x48BB78FF,
@@ -59,10 +63,16 @@ def statics(scenario: Scenario, obstacles: Sequence[Obstacle]) -> dict[str, Stat
         "world/trails": [rr.LineStrips2D.from_fields(colors=dimmed(own, 0.7), radii=[0.03])],
         "world/scan": [rr.Points2D.from_fields(colors=[SCAN], radii=[0.03])],
         "world/bodies": [rr.Points2D.from_fields(colors=own, radii=radii_m)],
-        "world/headings": [rr.Arrows2D.from_fields(colors=[HEADING], radii=[0.03])],
-        "world/stopped": [rr.Points2D.from_fields(colors=[STOPPED], radii=[0.12])],
+        "world/headings": [
+            rr.Arrows2D.from_fields(colors=[HEADING], radii=[0.04], draw_order=ABOVE)
+        ],
+        "world/stopped": [
+            rr.Points2D.from_fields(colors=[STOPPED], radii=[0.12], draw_order=ABOVE)
+        ],
         "plots/formation_error": [rr.SeriesLines(colors=own, names=names)],
-        "plots/formation_error_max": [rr.SeriesLines(colors=[HEADING], names=["largest"])],
+        "plots/formation_error_max": [
+            rr.SeriesLines(colors=[LARGEST], names=["largest"], widths=[4.0])
+        ],
         "plots/clearance": [
             rr.SeriesLines(
                 colors=np.array([OBSTACLE_EDGE, BETWEEN_ROBOTS], np.uint32),
@@ -73,7 +83,9 @@ def statics(scenario: Scenario, obstacles: Sequence[Obstacle]) -> dict[str, Stat
         "info": [rr.TextDocument(_info(scenario), media_type="text/markdown")],
     }
     for name, colour in zip(FORCES, FORCE_COLOURS, strict=True):
-        result[f"world/forces/{name}"] = [rr.Arrows2D.from_fields(colors=[colour], radii=[0.025])]
+        result[f"world/forces/{name}"] = [
+            rr.Arrows2D.from_fields(colors=[colour], radii=[0.02], draw_order=ABOVE)
+        ]
     if len(names) <= STATE_ROBOTS_MAX:
         state_colours = np.array(list(STATE_COLOURS.values()), np.uint32)
         for name in names:
@@ -106,7 +118,7 @@ def _rgba(rgb: Floats) -> Colours:
 
 
 def bounds(
-    scenario: Scenario, obstacles: Sequence[Obstacle], margin_m: float = 1.0
+    scenario: Scenario, obstacles: Sequence[Obstacle], margin_m: float = 0.7
 ) -> tuple[float, float, float, float]:
     """(x_min, y_min, x_max, y_max) of all that is known beforehand, with a margin."""
     points = [robot.start[:2] for robot in scenario.robots]
@@ -132,24 +144,29 @@ def _discs(obstacles: Sequence[Obstacle]) -> Static:
 
 
 def _outlines(obstacles: Sequence[Obstacle]) -> Static:
-    polygons = [obstacle.polygon for obstacle in obstacles if obstacle.polygon is not None]
-    if not polygons:
+    strips = []
+    for obstacle in obstacles:
+        if obstacle.circle is not None:
+            x, y, radius_m = obstacle.circle
+            strips.append(np.array([x, y]) + radius_m * RING)
+        else:
+            corners = obstacle.polygon or ()
+            strips.append(np.array([*corners, *corners[:1]]))
+    if not strips:
         return ()
-    strips = [np.array([*polygon, polygon[0]]) for polygon in polygons]
-    return [rr.LineStrips2D(strips, radii=[0.06], colors=[OBSTACLE_EDGE])]
+    return [rr.LineStrips2D(strips, radii=[0.03], colors=[OBSTACLE_EDGE])]
 
 
 def _goals(scenario: Scenario, own: Colours) -> Static:
     """A ring of the tolerance's size around each goal, and a smaller one at each way-point."""
     rings, ring_colours = [], []
-    circle = np.array([geometry.unit(angle) for angle in np.linspace(0.0, geometry.TAU, 25)])
     for robot, colour in zip(scenario.robots, own, strict=True):
         for point in robot.via:
-            rings.append(np.array(point) + 0.1 * circle)
+            rings.append(np.array(point) + 0.1 * RING)
             ring_colours.append(colour)
         if robot.goal is not None:
             for radius_m in (robot.goal_tolerance_m, 3.0 * robot.goal_tolerance_m):
-                rings.append(np.array(robot.goal) + radius_m * circle)
+                rings.append(np.array(robot.goal) + radius_m * RING)
                 ring_colours.append(colour)
     if not rings:
         return ()

@@ -2,29 +2,29 @@
 
     records --batch--> Batch (arrays) --VIEWS--> Drawing (path, rows, columns) ...
 
-The number of entities does not grow with the robots, and what costs most (forces, scans, distances
-of all pairs) is drawn at every tick only for a small swarm.
+The number of entities does not grow with the robots, and what costs most (forces, scans, slots,
+distances of all pairs) is drawn at every tick only for a small swarm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import ceil, inf, isfinite, nan
-from operator import attrgetter
+from math import inf, nan
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
+from dashboards import snapshot
+from dashboards.snapshot import ALIVE, CLEARANCE, CONTACT, SPEED, YAW
 from dashboards.stage import FORCES, STATE_ROBOTS_MAX
 from swarm import geometry
 from swarm.geometry import Floats
 from swarm.messages import Event, EventKind, TickRecord
 from swarm.scenario import Scenario
 
-DETAIL_ROBOTS = 20  # a larger swarm's forces, scans and pair distances are drawn less often
-FORCE_LENGTH_M_MAX = 1.2  # arrow of an endless force
+FORCE_LENGTH_M_MAX = 1.0  # arrow of an endless force
 FORCE_HALF = 6.0  # force whose arrow has half that length
 LEVELS: Mapping[EventKind, str] = {
     "fault": "WARN",
@@ -37,18 +37,6 @@ LEVELS: Mapping[EventKind, str] = {
 }  # all others: INFO
 
 Rows = npt.NDArray[np.intp]
-Flags = npt.NDArray[np.bool_]
-
-_MOTION = attrgetter(
-    "pose.x_m",
-    "pose.y_m",
-    "pose.yaw_rad",
-    "twist.speed_mps",
-    "obstacle_clearance_m",
-    "alive",
-    "contact",
-)
-_FORCES = attrgetter(*(f"trace.forces.{name}" for name in FORCES))
 
 
 class Before(msgspec.Struct, frozen=True, eq=False):
@@ -56,6 +44,14 @@ class Before(msgspec.Struct, frozen=True, eq=False):
 
     positions: Floats | None = None  # (robots, 2) m
     states: tuple[str, ...] = ()
+
+
+class Shot(msgspec.Struct, frozen=True, eq=False):
+    """One tick, its arrays taken while they were fresh."""
+
+    record: TickRecord
+    motion: Floats  # (robots, 7), as in snapshot
+    scan: Floats | None  # (hits, 2) m; None when scans are not drawn at this tick
 
 
 class Batch(msgspec.Struct, frozen=True, eq=False):
@@ -68,12 +64,10 @@ class Batch(msgspec.Struct, frozen=True, eq=False):
     detail: Rows  # those drawn in full
     ticks: npt.NDArray[np.int64]  # (ticks,)
     times_s: Floats  # (ticks,)
+    motion: Floats  # (ticks, robots, 7)
     positions: Floats  # (ticks, robots, 2) m
-    headings: Floats  # (ticks, robots, 2) unit vectors
-    speeds_mps: Floats  # (ticks, robots)
-    clearances_m: Floats  # (ticks, robots) to the nearest obstacle
-    stopped: Flags  # (ticks, robots) dead or touching
-    slots: Floats  # (ticks, robots, 2) m, nan where there is none
+    slots: Floats  # (details, robots, 2) m, nan where there is none
+    scans: Mapping[int, Floats]  # (hits, 2) m, by row
 
 
 class Drawing(msgspec.Struct, frozen=True, eq=False):
@@ -84,26 +78,31 @@ class Drawing(msgspec.Struct, frozen=True, eq=False):
     columns: Sequence[rr.ComponentColumn]
 
 
-def batch(scenario: Scenario, records: Sequence[TickRecord], before: Before) -> Batch:
-    """Arrays of at least one record."""
-    robots = len(scenario.robots)
-    motion = np.array([_MOTION(robot) for record in records for robot in record.robots])
-    motion = motion.reshape(len(records), robots, 7)
+def shot(record: TickRecord) -> Shot:
+    """What a batch needs of one tick."""
+    scanned = record.tick % snapshot.scan_ticks(len(record.robots)) == 0
+    return Shot(record, snapshot.motion(record), snapshot.scan(record) if scanned else None)
+
+
+def batch(scenario: Scenario, shots: Sequence[Shot], before: Before) -> Batch:
+    """Arrays of at least one tick."""
+    records = [shot.record for shot in shots]
     ticks = np.array([record.tick for record in records], np.int64)
+    detail = np.flatnonzero(ticks % snapshot.detail_ticks(len(scenario.robots)) == 0)
+    motion = np.array([shot.motion for shot in shots])
+    slots = [_slots(scenario, records[row]) for row in detail]
     return Batch(
         scenario=scenario,
         records=records,
         before=before,
         all=np.arange(len(records)),
-        detail=np.flatnonzero(ticks % ceil(robots / DETAIL_ROBOTS) == 0),
+        detail=detail,
         ticks=ticks,
         times_s=np.array([record.stamp_ns for record in records]) * 1e-9,
-        positions=motion[:, :, :2],
-        headings=np.stack([np.cos(motion[:, :, 2]), np.sin(motion[:, :, 2])], axis=2),
-        speeds_mps=motion[:, :, 3],
-        clearances_m=motion[:, :, 4],
-        stopped=(motion[:, :, 5] == 0.0) | (motion[:, :, 6] != 0.0),
-        slots=np.array([_slots(scenario, record) for record in records]),
+        motion=motion,
+        positions=np.ascontiguousarray(motion[:, :, :2]),
+        slots=np.array(slots).reshape(-1, len(scenario.robots), 2),
+        scans={row: shot.scan for row, shot in enumerate(shots) if shot.scan is not None},
     )
 
 
@@ -165,9 +164,10 @@ def _bodies(batch: Batch) -> Iterator[Drawing]:
 
 
 def _headings(batch: Batch) -> Iterator[Drawing]:
-    """From the centre to a little beyond the rim."""
+    """From the centre to the rim."""
     radii_m = np.array([robot.body_radius_m for robot in batch.scenario.robots])
-    vectors = 1.6 * radii_m[None, :, None] * batch.headings
+    yaw_rad = batch.motion[:, :, YAW]
+    vectors = radii_m[:, None] * np.stack([np.cos(yaw_rad), np.sin(yaw_rad)], axis=2)
     counts = [vectors.shape[1]] * len(batch.all)
     yield Drawing("world/headings", batch.all, _arrows(batch.positions, vectors, counts))
 
@@ -184,70 +184,52 @@ def _trails(batch: Batch) -> Iterator[Drawing]:
 
 def _stopped(batch: Batch) -> Iterator[Drawing]:
     """A red dot on each body that is dead or has touched something."""
-    flags = batch.stopped
+    flags = (batch.motion[:, :, ALIVE] == 0.0) | (batch.motion[:, :, CONTACT] != 0.0)
     if flags.any() or not {"dead", "collided"}.isdisjoint(batch.before.states):
         counts = [int(number) for number in flags.sum(axis=1)]
         yield Drawing("world/stopped", batch.all, _points(batch.positions[flags], counts))
 
 
 def _slot_marks(batch: Batch) -> Iterator[Drawing]:
-    robots = batch.positions.shape[1]
+    """All robots, so that the colours fit; a point that is nan is not drawn."""
     if np.isfinite(batch.slots).any():
-        # All robots, so that colours fit; a point that is nan is not drawn.
-        counts = [robots] * len(batch.all)
-        yield Drawing("world/slots", batch.all, _points(batch.slots, counts))
+        counts = [batch.slots.shape[1]] * len(batch.detail)
+        yield Drawing("world/slots", batch.detail, _points(batch.slots, counts))
 
 
 def _scan(batch: Batch) -> Iterator[Drawing]:
-    points, counts = [], []
-    for row in batch.detail:
-        found = scan_points(batch.records[row])
-        points.append(found)
-        counts.append(len(found))
-    if counts:
-        yield Drawing("world/scan", batch.detail, _points(np.concatenate(points), counts))
+    if batch.scans:
+        scans = list(batch.scans.values())
+        columns = _points(np.concatenate(scans), [len(scan) for scan in scans])
+        yield Drawing("world/scan", np.array(list(batch.scans)), columns)
 
 
 def _forces(batch: Batch) -> Iterator[Drawing]:
     """Arrows of the terms of eq. 38, long forces compressed: |arrow| = max |F| / (|F| + half)."""
     rows = {robot.name: row for row, robot in enumerate(batch.scenario.robots)}
-    origins, forces, counts = [], [], []
+    flat: list[float] = []
+    whose: list[int] = []
+    counts: list[int] = []
     for index in batch.detail:
         commands = batch.records[index].commands
-        origins.append(batch.positions[index, [rows[command.robot] for command in commands]])
-        forces += [_FORCES(command) for command in commands]
         counts.append(len(commands))
-    if not forces:
+        for command in commands:
+            whose.append(rows[command.robot])
+            forces = command.trace.forces
+            flat += forces.attractive
+            flat += forces.repulsive
+            flat += forces.rotating
+            flat += forces.robots
+            flat += forces.resultant
+    if not whose:
         return
-    vectors = np.array(forces)  # (commands, forces, 2)
+    origins = batch.positions[np.repeat(batch.detail, counts), whose]
+    vectors = np.array(flat).reshape(-1, len(FORCES), 2)
     lengths = np.sqrt((vectors**2).sum(axis=2, keepdims=True))
-    vectors = vectors * FORCE_LENGTH_M_MAX / (lengths + FORCE_HALF)
+    vectors *= FORCE_LENGTH_M_MAX / (lengths + FORCE_HALF)
     for number, name in enumerate(FORCES):
-        columns = _arrows(np.concatenate(origins), vectors[:, number], counts)
+        columns = _arrows(origins, vectors[:, number], counts)
         yield Drawing(f"world/forces/{name}", batch.detail, columns)
-
-
-def scan_points(record: TickRecord) -> Floats:
-    """(hits, 2) m, world frame: where the beams of all robots ended, misses left out."""
-    if not record.frames:
-        return np.empty((0, 2))
-    beams = record.frames[0].ranges.shape[0]
-    ranges_m = np.frombuffer(b"".join(frame.ranges.data for frame in record.frames), "<f4")
-    hits = np.flatnonzero(np.isfinite(ranges_m))
-    poses = np.array(
-        [(frame.pose.x_m, frame.pose.y_m, frame.pose.yaw_rad) for frame in record.frames]
-    )
-    centres_rad = np.array(geometry.sector_centres(beams))
-    of_frame = poses[hits // beams]
-    angles_rad = of_frame[:, 2] + centres_rad[hits % beams]
-    reach_m = ranges_m[hits].astype(np.float64)
-    return np.stack(
-        [
-            of_frame[:, 0] + reach_m * np.cos(angles_rad),
-            of_frame[:, 1] + reach_m * np.sin(angles_rad),
-        ],
-        axis=1,
-    )
 
 
 # --- plots, events, states ------------------------------------------------------------------------
@@ -255,14 +237,15 @@ def scan_points(record: TickRecord) -> Floats:
 
 def _formation_error(batch: Batch) -> Iterator[Drawing]:
     """Distance of each follower from its slot, and the largest of them."""
-    apart = batch.positions - batch.slots
+    apart = batch.positions[batch.detail] - batch.slots
     errors_m = np.sqrt((apart**2).sum(axis=2))
-    rows = np.flatnonzero(np.isfinite(errors_m).any(axis=1))
-    if len(rows) == 0:
+    some = np.isfinite(errors_m).any(axis=1)
+    if not some.any():
         return
+    rows, errors_m = batch.detail[some], errors_m[some]
     counts = [errors_m.shape[1]] * len(rows)
-    yield Drawing("plots/formation_error", rows, _scalars(errors_m[rows], counts))
-    largest_m = np.nanmax(errors_m[rows], axis=1)
+    yield Drawing("plots/formation_error", rows, _scalars(errors_m, counts))
+    largest_m = np.nanmax(errors_m, axis=1)
     yield Drawing("plots/formation_error_max", rows, _scalars(largest_m, [1] * len(rows)))
 
 
@@ -273,18 +256,21 @@ def _clearance(batch: Batch) -> Iterator[Drawing]:
     radii_m = np.array([robot.body_radius_m for robot in batch.scenario.robots])
     touching_m = radii_m[:, None] + radii_m[None, :]
     np.fill_diagonal(touching_m, -inf)
-    smallest = np.full((len(batch.detail), 2), nan)
-    for number, row in enumerate(batch.detail):
-        apart = batch.positions[row][:, None] - batch.positions[row][None, :]
-        between_m = float((np.sqrt((apart**2).sum(axis=2)) - touching_m).min())
-        obstacle_m = float(batch.clearances_m[row].min())
-        smallest[number] = [value if isfinite(value) else nan for value in (obstacle_m, between_m)]
+    x, y = (batch.positions[batch.detail, :, axis] for axis in (0, 1))
+    apart = (x[:, :, None] - x[:, None]) ** 2 + (y[:, :, None] - y[:, None]) ** 2
+    smallest = np.column_stack(
+        [
+            batch.motion[batch.detail, :, CLEARANCE].min(axis=1),
+            (np.sqrt(apart) - touching_m).min(axis=(1, 2)),
+        ]
+    )
+    smallest[np.isinf(smallest)] = nan
     yield Drawing("plots/clearance", batch.detail, _scalars(smallest, [2] * len(batch.detail)))
 
 
 def _speed(batch: Batch) -> Iterator[Drawing]:
-    counts = [batch.speeds_mps.shape[1]] * len(batch.all)
-    yield Drawing("plots/speed", batch.all, _scalars(batch.speeds_mps, counts))
+    counts = [batch.motion.shape[1]] * len(batch.all)
+    yield Drawing("plots/speed", batch.all, _scalars(batch.motion[:, :, SPEED], counts))
 
 
 def _events(batch: Batch) -> Iterator[Drawing]:

@@ -10,6 +10,7 @@ geometry    poses, twists, angles
 messages    who says what to whom: the one table of topics
 scenario    every tunable with unit and bound
 errors      what can go wrong outside
+score       what adds up from tick to tick
 metrics     stream of ticks -> summary
 bus         the seam between processes; in memory here, over Zenoh in zenoh_bus
 recording   MCAP out and in

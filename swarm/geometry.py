@@ -42,7 +42,9 @@ STILL = Twist(0.0, 0.0)
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """Same direction in [-pi, pi)."""
+    """Same direction in [-pi, pi), to the bit where it lies there already: mirrors stay exact."""
+    if -pi <= angle_rad < pi:
+        return angle_rad
     wrapped = (angle_rad + pi) % TAU - pi
     return wrapped if wrapped < pi else -pi  # a tiny negative argument makes % return TAU itself
 

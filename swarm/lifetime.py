@@ -38,7 +38,7 @@ class Stop:
 
 
 def adopt(name: str, log: Path | None, stop: Stop, supervisor_pid: int | None) -> None:
-    """Become the process `name`: title, log file, signals; a child of the supervisor if it has one.
+    """Become the process `name`: title, log file; a child of the supervisor if it has one.
 
     Raises OSError when the log cannot be written.
     """
@@ -50,14 +50,22 @@ def adopt(name: str, log: Path | None, stop: Stop, supervisor_pid: int | None) -
         os.dup2(descriptor, 1)
         os.dup2(descriptor, 2)
         os.close(descriptor)
-    signal.signal(signal.SIGTERM, lambda *_: stop.request("asked to stop by SIGTERM"))
-    if supervisor_pid is None:
-        signal.signal(signal.SIGINT, lambda *_: stop.request("interrupted"))
-    else:
+    if supervisor_pid is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         os.setsid()
         watch = threading.Thread(target=_end_with, args=(supervisor_pid, stop), daemon=True)
         watch.start()
+
+
+def heed_signals(stop: Stop) -> None:
+    """From now on end in good order; until then a signal ends the process at once.
+
+    To be called when nothing blocks any more in foreign code that does not look at signals, such
+    as the wait for a router.
+    """
+    signal.signal(signal.SIGTERM, lambda *_: stop.request("asked to stop by SIGTERM"))
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, lambda *_: stop.request("interrupted"))
 
 
 def _end_with(supervisor_pid: int, stop: Stop) -> None:

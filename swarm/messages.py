@@ -100,7 +100,7 @@ class Beacon(msgspec.Struct, frozen=True, array_like=True):
     tick: Tick
     incarnation: Annotated[int, msgspec.Meta(ge=0, le=2**31)]
     pose: Pose
-    twist: Twist
+    twist: Twist  # from this tick to the next: the set-point
     body_radius_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
     speed_mps_max: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
     mode: Mode

@@ -1,7 +1,7 @@
 """Runs on disk: a folder for each, and where a running one can be found.
 
-    runs/<UTC time>-<scenario>/    run.mcap run.rrd scenario.toml summary.json run.json logs/
-    <runtime folder>/<run>.json    the same run.json, while it runs, for status, stop, ...
+runs/<UTC time>-<scenario>/    run.mcap run.rrd scenario.toml summary.json run.json logs/
+<runtime folder>/<run>.json    the same run.json, while it runs, for status, stop, ...
 """
 
 from __future__ import annotations

@@ -41,9 +41,11 @@ MESSAGE_BYTES_MAX = max(topic.size_max for topic in messages.TOPICS.values()) + 
 
 
 def open_router(run: str, endpoint: str, *, tls: Path | None = None) -> ZenohBus:
-    """Bus of the world, listening on `endpoint`; raises BusError when the port is taken."""
-    config = _config("router", tls, "world")
-    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+    """Bus of the world, listening on `endpoint`.
+
+    Raises BusError when the port is taken, UsageError when endpoint and `tls` do not fit.
+    """
+    config = _config("router", "listen", endpoint, tls, "world")
     return ZenohBus(run, _open(config, f"listen on {endpoint}"))
 
 
@@ -56,11 +58,13 @@ def open_client(
     leaf: bool = False,
     connect_timeout_s: float = CONNECT_TIMEOUT_S,
 ) -> ZenohBus:
-    """Bus of everyone else; waits for the router up to `connect_timeout_s`, else BusError."""
+    """Bus of everyone else; waits for the router up to `connect_timeout_s`, else BusError.
+
+    Raises UsageError when endpoint and `tls` do not fit.
+    """
     if leaf:
         os.environ["ZENOH_RUNTIME"] = LEAF_RUNTIME  # read by zenoh at its first use
-    config = _config("client", tls, name)
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config = _config("client", "connect", endpoint, tls, name)
     config.insert_json5("connect/timeout_ms", str(round(connect_timeout_s * 1000)))
     config.insert_json5(
         "connect/retry",
@@ -69,8 +73,19 @@ def open_client(
     return ZenohBus(run, _open(config, f"reach the router at {endpoint}"))
 
 
-def _config(mode: str, tls: Path | None, name: str) -> zenoh.Config:
+def _config(mode: str, end: str, endpoint: str, tls: Path | None, name: str) -> zenoh.Config:
+    if endpoint.startswith("tls/") != (tls is not None):  # never in clear what was to be encrypted
+        raise errors.UsageError(
+            f"expected an endpoint tls/HOST:PORT with --tls and only with it, got '{endpoint}' "
+            f"{'without' if tls is None else 'with'} it"
+        )
     config = zenoh.Config()
+    try:
+        config.insert_json5(f"{end}/endpoints", json.dumps([endpoint]))
+    except zenoh.ZError as error:
+        raise errors.UsageError(
+            f"expected an endpoint such as tcp/127.0.0.1:7447, got '{endpoint}'"
+        ) from error
     for key, value in {
         "mode": mode,
         "scouting/multicast/enabled": False,
@@ -83,18 +98,16 @@ def _config(mode: str, tls: Path | None, name: str) -> zenoh.Config:
     }.items():
         config.insert_json5(key, json.dumps(value))
     if tls is not None:
-        end = "listen" if mode == "router" else "connect"
-        config.insert_json5(
-            "transport/link/tls",
-            json.dumps(
-                {
-                    f"{end}_certificate": str(tls / f"{name}.pem"),
-                    f"{end}_private_key": str(tls / f"{name}.key"),
-                    "root_ca_certificate": str(tls / "ca.pem"),
-                    "enable_mtls": True,
-                }
-            ),
-        )
+        paths = {
+            f"{end}_certificate": tls / f"{name}.pem",
+            f"{end}_private_key": tls / f"{name}.key",
+            "root_ca_certificate": tls / "ca.pem",
+        }
+        for path in paths.values():
+            if not os.access(path, os.R_OK):  # zenoh would only say that nobody answers
+                raise errors.UsageError(f"--tls: expected a file that can be read, got {path}")
+        files = {key: str(path) for key, path in paths.items()}
+        config.insert_json5("transport/link/tls", json.dumps({**files, "enable_mtls": True}))
     return config
 
 

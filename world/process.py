@@ -42,6 +42,7 @@ def main(arguments: Arguments) -> int:
     except errors.BusError as error:
         print(f"swarm-world: {error}", file=sys.stderr, flush=True)
         return PORT_TAKEN if "in use" in str(error) else error.exit_code
+    lifetime.heed_signals(stop)
     try:
         summary = record_run(
             bus,
@@ -96,7 +97,10 @@ def record_run(
         )
     finally:
         watchers.close()
-    counts = watchers.writer.counts.total if watchers.writer is not None else None
+    kept = None
+    if watchers.writer is not None:
+        count = watchers.writer.counts.total
+        kept = metrics.RecordingRow(expected=count.expected, written=count.written, lost=count.lost)
     facts = metrics.Facts(
         scenario=name,
         run=bus.run,
@@ -104,10 +108,7 @@ def record_run(
         clock=plan.clock.mode,
         wall_time_s=run.wall_time_s,
         late_commands=run.late_commands,
-        recording=counts
-        and metrics.RecordingRow(
-            expected=counts.expected, written=counts.written, lost=counts.lost
-        ),
+        recording=kept,
     )
     summary = metrics.summary(run.score, facts)
     try:

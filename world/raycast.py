@@ -110,7 +110,7 @@ def _cast_circles(
     half_rad = np.arcsin(radius_m / np.sqrt(distances_m2.ravel()[near]))
     bearing_rad = np.arctan2(aside_m, ahead_m)
     pair, beam = _beams(sensor.beams.shape[1], bearing_rad - half_rad, bearing_rad + half_rad)
-    along_m, across_m = _into_body(np.stack((ahead_m, aside_m))[:, pair], sensor.beams[:, beam])
+    along_m, across_m = _into_body((ahead_m[pair], aside_m[pair]), sensor.beams[:, beam])
     square_m2 = (radius_m * radius_m)[pair] - across_m * across_m  # of half the chord
     range_m = along_m - np.sqrt(np.maximum(square_m2, 0.0))
     range_m[square_m2 < 0.0] = np.inf
@@ -132,7 +132,7 @@ def _cast_edges(sensor: Lidar, positions_m: Floats, axes: Floats, nearest_m: Flo
     width_rad[width_rad > np.pi - EDGE_ON_RAD] = geometry.TAU
     pair, beam = _beams(sensor.beams.shape[1], start_rad, start_rad + width_rad)
     along_m, across_m = _into_body(
-        np.stack((ahead_m, aside_m))[:, :, pair], sensor.beams[:, None, beam]
+        (ahead_m[:, pair], aside_m[:, pair]), sensor.beams[:, None, beam]
     )
     # Neighbouring edges share a corner and hence these numbers: no beam slips between them. A beam
     # along an edge is left to the neighbours.
@@ -145,7 +145,7 @@ def _cast_edges(sensor: Lidar, positions_m: Floats, axes: Floats, nearest_m: Flo
     np.minimum.at(nearest_m, observer[pair] * sensor.beams.shape[1] + beam, range_m)
 
 
-def _into_body(vectors: Floats, axes: Floats) -> tuple[Floats, Floats]:
+def _into_body(vectors: Floats | tuple[Floats, Floats], axes: Floats) -> tuple[Floats, Floats]:
     """Part of vectors (2, ...) along directions (2, ...), and part to their left."""
     (x, y), (forward, left) = vectors, axes
     return x * forward + y * left, y * forward - x * left

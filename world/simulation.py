@@ -10,13 +10,15 @@ World is constant, WorldState is all that changes: plain numbers, so it can be s
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import compress
 from math import inf
 
 import msgspec
 import numpy as np
 
-from swarm.geometry import STILL, Floats, Pose, Twist
+from swarm.geometry import STILL, Floats, Pose, Twist, wrap_angle
 from swarm.messages import (
     Array,
     Beacon,
@@ -81,7 +83,10 @@ def build(scenario: Scenario) -> World:
 
 def init(world: World) -> WorldState:
     """Tick 0: every robot stands at its start; no commands, no beacons."""
-    poses = [Pose(*robot.start) for robot in world.scenario.robots]
+    poses = [
+        Pose(robot.start[0], robot.start[1], wrap_angle(robot.start[2]))
+        for robot in world.scenario.robots
+    ]
     clearances_m = _clearances_m(world, _positions_m(poses))
     return WorldState(
         0,
@@ -161,8 +166,11 @@ def sense(world: World, state: WorldState) -> tuple[SensorFrame, ...]:
     live = [row for row, body in enumerate(bodies) if body.alive]
     poses = [body.pose for body in bodies]
     ranges_m = raycast.cast(world.lidar, poses, live)
-    speaks = np.array([body.alive and body.beacon is not None for body in bodies])
-    heard = radio.audible(scenario.radio.range_m, _positions_m(poses), speaks)
+    alive = np.array([body.alive for body in bodies])
+    heard = radio.audible(scenario.radio.range_m, _positions_m(poses), alive)
+    beacons = [body.beacon for body in bodies if body.beacon is not None]
+    speakers = [row for row, body in enumerate(bodies) if body.beacon is not None]
+    hears = heard[:, speakers].tolist()
     stamp_ns = scenario.stamp_ns(state.tick)
     beams = ranges_m.shape[1]
     scans = ranges_m.astype("<f4").tobytes()
@@ -177,11 +185,7 @@ def sense(world: World, state: WorldState) -> tuple[SensorFrame, ...]:
             wheels=motion.wheels(scenario.robots[row], bodies[row].twist),
             contact=bodies[row].contact,
             ranges=Array("<f4", (beams,), scans[number * size : (number + 1) * size]),
-            beacons=tuple(
-                beacon
-                for speaker in heard[row].nonzero()[0].tolist()
-                if (beacon := bodies[speaker].beacon) is not None
-            ),
+            beacons=tuple(compress(beacons, hears[row])),
         )
         for number, row in enumerate(live)
     )
@@ -292,9 +296,9 @@ def _clearances_m(world: World, positions_m: Floats) -> list[float]:
 
 
 def _frame_record(world: World, frame: SensorFrame) -> FrameRecord:
-    heard = np.array(
-        [(world.rows[beacon.name], beacon.tick) for beacon in frame.beacons], dtype="<i4"
-    ).reshape(-1, 2)
+    heard = [
+        number for beacon in frame.beacons for number in (world.rows[beacon.name], beacon.tick)
+    ]
     return FrameRecord(
         world.rows[frame.robot],
         frame.pose,
@@ -302,5 +306,5 @@ def _frame_record(world: World, frame: SensorFrame) -> FrameRecord:
         frame.wheels,
         frame.contact,
         frame.ranges,
-        Array("<i4", (len(frame.beacons), 2), heard.tobytes()),
+        Array("<i4", (len(frame.beacons), 2), struct.pack(f"<{len(heard)}i", *heard)),
     )

@@ -1,8 +1,8 @@
 """What composes a swarm; the only code that imports agents and world.
 
-    cli          the command line
-    supervisor   one world process, N robot processes, and the person who watches
-    lockstep     the same swarm in one process
-    replay       every robot again, from a recording
-    bench        what it costs
+cli          the command line
+supervisor   one world process, N robot processes, and the person who watches
+lockstep     the same swarm in one process
+replay       every robot again, from a recording
+bench        what it costs
 """

@@ -1,7 +1,7 @@
 """The command line: every verb of `swarm`, its flags, and what its exit code means.
 
-    0  it worked      1  the run failed, or a threshold was broken
-    2  a flag, a name or a file is wrong      130  interrupted
+0  it worked      1  the run failed, or a threshold was broken
+2  a flag, a name or a file is wrong      130  interrupted
 """
 
 from __future__ import annotations
@@ -146,7 +146,9 @@ def validate(
 @app.command()
 def run(
     scenario: Annotated[str, Argument(help="A built-in scenario's name, or a TOML file.")],
-    robots: Annotated[int | None, Option(help="How many robots (of a line, or the first N).")] = None,
+    robots: Annotated[
+        int | None, Option(help="How many robots (of a line, or the first N).")
+    ] = None,
     seed: Annotated[int | None, Option(help="Another seed than the scenario's.")] = None,
     duration: Annotated[float | None, Option(help="Simulated seconds, then it is over.")] = None,
     settings: Annotated[
@@ -456,7 +458,9 @@ def stop(run_id: RunId = None, as_json: Json = False) -> None:
 @app.command()
 def verify(
     path: Run,
-    repair: Annotated[bool, Option("--repair", help="Write a good file; keep the old one.")] = False,
+    repair: Annotated[
+        bool, Option("--repair", help="Write a good file; keep the old one.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Check a recording: is it whole, undamaged, without a gap? Exit code 1 when not.
@@ -512,7 +516,9 @@ def replay_(
 def world_(
     scenario: Annotated[str, Argument(help="A built-in scenario's name, or a TOML file.")],
     listen: Annotated[str, Option(help="Endpoint of the router inside.")] = "tcp/127.0.0.1:7447",
-    router: Annotated[str | None, Option(metavar="ENDPOINT", help="Use this router instead.")] = None,
+    router: Annotated[
+        str | None, Option(metavar="ENDPOINT", help="Use this router instead.")
+    ] = None,
     run_name: Annotated[str | None, Option("--run", metavar="ID", help="Id of the run.")] = None,
     out: Annotated[Path | None, Option(metavar="DIR", help="Folder of the run.")] = None,
     settings: Annotated[
@@ -580,7 +586,9 @@ def robot_(
 @app.command()
 def bench(
     names: Annotated[list[str] | None, Argument(metavar="[NAME]...", help="Which ones.")] = None,
-    tiny: Annotated[bool, Option("--tiny", help="Smallest sizes, to see that all of it runs.")] = False,
+    tiny: Annotated[
+        bool, Option("--tiny", help="Smallest sizes, to see that all of it runs.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Measure what a swarm costs, as ratios within one run.

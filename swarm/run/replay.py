@@ -88,7 +88,7 @@ def replay(path: Path, only: str | None = None) -> Replay:
         if only is None and plan.clock.mode == "lockstep":
             metrics.observe(recorded, record)
             metrics.observe(replayed, _with_answers(record, names, answers))
-    hashes = [None, None]
+    hashes: list[str | None] = [None, None]
     if only is None and plan.clock.mode == "lockstep":
         hashes = [score.hash.hexdigest() for score in (recorded, replayed)]
     return Replay(
@@ -129,9 +129,7 @@ def _answer(player: _Player, command: Command) -> Command:
     return answer
 
 
-def _with_answers(
-    record: TickRecord, names: list[str], answers: dict[str, Command]
-) -> TickRecord:
+def _with_answers(record: TickRecord, names: list[str], answers: dict[str, Command]) -> TickRecord:
     robots = tuple(
         truth
         if name not in answers
@@ -152,9 +150,7 @@ def _first_difference(path: str, one: Any, other: Any) -> tuple[str, Any, Any]:
     if isinstance(one, msgspec.Struct) and type(one) is type(other):
         for name in one.__struct_fields__:
             if getattr(one, name) != getattr(other, name):
-                return _first_difference(
-                    f"{path}.{name}", getattr(one, name), getattr(other, name)
-                )
+                return _first_difference(f"{path}.{name}", getattr(one, name), getattr(other, name))
     if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
         for number, (left, right) in enumerate(zip(one, other, strict=True)):
             if left != right:

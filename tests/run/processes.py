@@ -9,6 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import psutil
+import pytest
+
+from swarm.run import cli
 
 SWARM = (sys.executable, "-m", "swarm.run.cli")
 
@@ -38,6 +41,20 @@ def swarm(
         timeout=120.0,
         check=False,
     )
+
+
+def here(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path, line: str
+) -> subprocess.CompletedProcess[str]:
+    """The same command line within this process: for what ends before anything is started."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "argv", ["swarm", *line.split()])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    printed = capsys.readouterr()
+    code = ended.value.code
+    assert isinstance(code, int)
+    return subprocess.CompletedProcess(line, code, printed.out, printed.err)
 
 
 def belonging(folder: Path) -> list[psutil.Process]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import socket
+import subprocess
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -36,9 +38,17 @@ def folder(tmp_path: Path) -> Iterator[Path]:
     processes.end_all(tmp_path)
 
 
+Here = Callable[[str], subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def here(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    return functools.partial(processes.here, monkeypatch, capsys, folder)
+
+
 @pytest.mark.parametrize("verb", VERBS)
-def test_help_teaches_every_verb(folder: Path, verb: str) -> None:
-    done = processes.swarm(folder, verb, "--help")
+def test_help_teaches_every_verb(here: Here, verb: str) -> None:
+    done = here(f"{verb} --help")
     assert done.returncode == 0
     assert "Usage" in done.stdout
     assert verb in done.stdout
@@ -54,8 +64,8 @@ BAD_SETTINGS = {
 
 
 @pytest.mark.parametrize("setting", BAD_SETTINGS)
-def test_bad_setting_is_exit_2_and_starts_nothing(folder: Path, setting: str) -> None:
-    done = processes.swarm(folder, "run", "two-obstacles", "--set", setting)
+def test_bad_setting_is_exit_2_and_starts_nothing(here: Here, folder: Path, setting: str) -> None:
+    done = here(f"run two-obstacles --set {setting}")
     assert done.returncode == 2
     for part in BAD_SETTINGS[setting]:
         assert part in done.stderr
@@ -84,8 +94,10 @@ BAD_LINES = {
 
 
 @pytest.mark.parametrize("line", BAD_LINES)
-def test_bad_command_line_is_exit_2_and_says_what_was_expected(folder: Path, line: str) -> None:
-    done = processes.swarm(folder, *line.split())
+def test_bad_command_line_is_exit_2_and_says_what_was_expected(
+    here: Here, folder: Path, line: str
+) -> None:
+    done = here(line)
     assert done.returncode == 2, done.stderr
     assert BAD_LINES[line] in done.stderr + done.stdout
     assert "Traceback" not in done.stderr
@@ -102,13 +114,15 @@ def test_bad_command_line_is_exit_2_and_says_what_was_expected(folder: Path, lin
         (b"[" * 5000, "expected TOML"),
     ],
 )
-def test_bad_scenario_file_is_named(folder: Path, content: bytes, expected: str) -> None:
+def test_bad_scenario_file_is_named(
+    here: Here, folder: Path, content: bytes, expected: str
+) -> None:
     (folder / "bad.toml").write_bytes(content)
-    done = processes.swarm(folder, "run", "bad.toml")
+    done = here("run bad.toml")
     assert done.returncode == 2
     assert "bad.toml" in done.stderr
     assert expected in done.stderr
-    done = processes.swarm(folder, "validate", "bad.toml", "two-obstacles", "--json")
+    done = here("validate bad.toml two-obstacles --json")
     assert done.returncode == 2
     rows = json.loads(done.stdout)["files"]
     assert [row["ok"] for row in rows] == [False, True]
@@ -191,21 +205,21 @@ def test_out_with_a_run_in_it_is_refused_and_untouched(folder: Path) -> None:
     assert (folder / "out" / runs.MCAP).read_bytes() == b"precious"
 
 
-def test_unwritable_out_is_exit_2_and_clear(folder: Path) -> None:
+def test_unwritable_out_is_exit_2_and_clear(here: Here, folder: Path) -> None:
     (folder / "file").write_text("")
     for out in ("file", "file/inside", "/proc/nowhere"):
-        done = processes.swarm(folder, "run", "empty", "--out", out)
+        done = here(f"run empty --out {out}")
         assert done.returncode == 2, out
         assert "expected a folder" in done.stderr
         assert "Traceback" not in done.stderr
 
 
 def test_missing_display_is_exit_2_and_names_the_way_out(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+    here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    done = processes.swarm(folder, "run", "empty", "--view", "native")
+    done = here("run empty --view native")
     assert done.returncode == 2
     assert "--view web" in done.stderr
 
@@ -278,6 +292,6 @@ def test_injected_kill_is_exact_and_reported(folder: Path) -> None:
     assert len(hashes) == 1
 
 
-def test_version_names_what_matters(folder: Path) -> None:
-    rows = json.loads(processes.swarm(folder, "version", "--json").stdout)
+def test_version_names_what_matters(here: Here) -> None:
+    rows = json.loads(here("version --json").stdout)
     assert {"msam-swarm", "eclipse-zenoh", "rerun-sdk", "mcap", "python"} <= set(rows)

@@ -55,9 +55,18 @@ def strike(folder: Path, run: subprocess.Popen[str], what: str, choice: random.R
         run.send_signal(signal.Signals[what])
     else:
         prefixes = ("swarm-world",) if what == "world" else ("swarm-leader", "swarm-robot")
-        victims = processes.named(folder, *prefixes)
+        victims: list[psutil.Process] = []
+        processes.until(
+            lambda: (
+                victims.extend(processes.named(folder, *prefixes))
+                or victims
+                or run.poll() is not None
+            ),
+            30.0,
+            "a victim",
+        )
         if victims:
-            choice.choice(sorted(victims, key=lambda one: one.name())).kill()
+            choice.choice(sorted(victims, key=lambda one: one.pid)).kill()
 
 
 def check_recording(out: Path, tick_before: int | None) -> None:
@@ -68,7 +77,9 @@ def check_recording(out: Path, tick_before: int | None) -> None:
         return
     if not recording.verify(path).ok:
         recording.repair(path)
-    assert recording.verify(path).ok, recording.verify(path)
+    verdict = recording.verify(path)
+    assert verdict.complete, verdict
+    assert verdict.ok or verdict.last_tick is None, verdict
     last = max((record.tick for record in recording.read(path).ticks), default=-1)
     if tick_before is not None:
         lost_ticks = max(1.0, FLUSH_S * RATE) / DT_S + 1
@@ -76,7 +87,7 @@ def check_recording(out: Path, tick_before: int | None) -> None:
 
 
 @pytest.mark.parametrize("what", ["supervisor", "world", "robot", "SIGINT", "SIGTERM"])
-def test_nothing_is_left_and_the_recording_reads_when_killed(  # `kill` by --kills
+def test_nothing_is_left_and_the_recording_reads_when_killed(
     folder: Path, what: str, kill: int
 ) -> None:
     choice = random.Random(f"{what}-{kill}")

@@ -34,7 +34,7 @@ def decoded(text: str, **changes: object) -> Scenario:
         (HEAD + "colour = 1\n" + A, "", "only known keys", "'colour'"),
         (HEAD, "", "expected the key 'robots'", "none"),
         (HEAD + "robots = []\n", "robots", "length >= 1", r"\[\]"),
-        (HEAD + A.replace('"a"', '"A"'), r"robots\[0\]\.name", "matching regex", "'A'"),
+        (HEAD + A.replace('"a"', '"A"'), r"robots\[0\]\.name", "expected", "'A'"),
         (HEAD + A.replace("[0.0, 0.0, 0.0]", "[0.0]"), r"robots\[0\]\.start", "length 3", "1"),
         (HEAD + A.replace("0.0, 0.0, 0.0", "nan, 0.0, 0.0"), r"robots\[0\]\.start", ">=", "nan"),
         (HEAD + A + A, "", "its own name", r"\['a'\] twice"),
@@ -58,7 +58,12 @@ def decoded(text: str, **changes: object) -> Scenario:
             "multiple of dt_s",
             "1.0; the nearest is 0.96",
         ),
-        (HEAD + A + '[[faults]]\nkind = "burn"\n', r"faults\[0\]\.kind", "enum", "'burn'"),
+        (
+            HEAD + A + '[[faults]]\nkind = "burn"\n',
+            r"faults\[0\]\.kind",
+            "expected one of",
+            "'burn'",
+        ),
         (HEAD + A + "[clock]\ncommand_ttl = 0\n", "clock.command_ttl", ">= 1", "0"),
         (
             HEAD + A + "[random_obstacles]\ncount = 1\narea = [5.0, 0.0, 1.0, 9.0]\n",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import inf, pi, sqrt
 
 import msgspec
 import numpy as np
@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm.geometry import STILL, Pose, Twist
-from swarm.messages import Array, Beacon, Command, Event, TickRecord, Trace
+from swarm.messages import Array, Beacon, Command, Event, SensorFrame, TickRecord, Trace
 from swarm.scenario import decode
 from world import motion, simulation
 from world.simulation import World, WorldState
@@ -134,6 +134,13 @@ def test_sense_hears_the_beacons_of_the_tick_before_within_range() -> None:
     assert heard == [[("b", 6)], [("a", 6), ("c", 6)], [("b", 6)]]
 
 
+def test_sense_lets_a_robot_listen_before_it_has_spoken() -> None:
+    world = world_of(TWO)
+    state = drive(world, simulation.init(world), 1, a=STILL)
+    heard = [[beacon.name for beacon in frame.beacons] for frame in simulation.sense(world, state)]
+    assert heard == [[], ["a"]]
+
+
 def test_step_stops_a_robot_for_good_where_it_touches_an_obstacle() -> None:
     world = world_of(TWO + "[[obstacles]]\ncircle = [1.0, 0.0, 0.5]\n")
     state = drive(world, simulation.init(world), 10, a=Twist(1.0, 0.0), b=STILL)
@@ -174,7 +181,8 @@ def test_record_holds_what_arrived_in_scenario_order() -> None:
 def test_frame_of_rebuilds_every_frame_when_records_went_over_a_wire() -> None:
     world = world_of(TWO + "[[obstacles]]\ncircle = [2.0, 0.0, 0.5]\n")
     state = simulation.init(world)
-    sent, records = [], []
+    sent: list[SensorFrame] = []
+    records: list[TickRecord] = []
     for tick in range(6):
         if tick == 4:
             state = simulation.lose(world, state, "b")
@@ -235,3 +243,8 @@ def test_step_keeps_bodies_apart_whatever_they_are_told(told: list[list[Twist]])
                 )
                 assert apart_m > 0.44 - 1e-9
         assert simulation.sense(world, state) == simulation.sense(world, state)
+
+
+def test_init_wraps_the_heading_of_a_start() -> None:
+    state = simulation.init(world_of(TWO.replace("3.0, 4.0, 0.0", "3.0, 4.0, 3.5")))
+    assert state.bodies[1].pose.yaw_rad == pytest.approx(3.5 - 2.0 * pi)

@@ -13,9 +13,9 @@ that push each other off two cores counts as the barrier's.
 from __future__ import annotations
 
 import os
-import statistics
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -31,12 +31,17 @@ from swarm.run import supervisor
 from swarm.run.bench import bare, figures, processes, rehearsal
 from swarm.run.bench.figures import Row
 from swarm.run.bench.processes import Window
-from swarm.run.bench.rehearsal import Moment, Rehearsal
+from swarm.run.bench.rehearsal import Rehearsal
 from world import simulation
 
 SCENARIO = "empty"
-LONG = 'duration_s=1e6'  # the window ends it
+LONG = "duration_s=1e6"  # the window ends it
 RUN = "bench"
+SIZES = (6, 20, 50)
+ROUNDS = 3
+WINDOW_S = 1.5  # wall, of each measurement; status calls, which end it, come twice a second
+TINY_SIZES = (2,)
+TINY_WINDOW_S = 0.3
 OVER_BARE_MAX = 1.6  # whole less own, design budget
 OVER_SMALLEST_MAX = 1.4  # whole, most robots over fewest, design budget
 SETTLE_TICKS = 5  # until every robot has heard all others
@@ -56,71 +61,71 @@ class System(msgspec.Struct, frozen=True):
 
 
 def measure(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
-    """Rows of every N."""
-    sizes = (2,) if tiny else (6, 20, 50)
-    rounds = 1 if tiny else 3
-    window_s = 0.3 if tiny else 1.5
+    """Rows of every N, then how the cost grows with it."""
+    sizes = TINY_SIZES if tiny else SIZES
     rows: list[Row] = []
-    whole: dict[int, list[float]] = {}
+    whole: list[list[float]] = []
     for size in sizes:
-        seen = rehearsal.rehearse(
-            rehearsal.built_in(SCENARIO, robots=size, settings=[LONG]), REHEARSED_TICKS
-        )
-        floors, whole[size], recorded, less, parts = [], [], [], [], []
-        for number in range(rounds):
-            progress(f"barrier: {size} robots, round {number + 1} of {rounds}")
-            floors.append(bare_barrier(seen, window_s).cpu_us)
-            whole[size].append(whole_system(size, window_s, recorded=False).cpu_us)
-            recorded.append(whole_system(size, window_s, recorded=True).cpu_us)
-            parts.append(own_us(seen))
-            less.append(whole[size][-1] - sum(parts[-1][name] for name in OWN))
-        over = "bare barrier"
-        rows += [
-            figures.row("barrier: bare", size, floors, "us"),
-            figures.row("barrier: whole", size, whole[size], "us", floors=floors, over=over),
-            figures.row(
-                "barrier: whole, recorded",
-                size,
-                recorded,
-                "us",
-                floors=whole[size],
-                over="not recorded",
-            ),
-            figures.row(
-                "barrier: whole less own",
-                size,
-                less,
-                "us",
-                floors=floors,
-                over=over,
-                budget=OVER_BARE_MAX,
-                bound="ratio <=",
-            ),
-            *(
-                figures.row(
-                    f"barrier: of it {name}",
-                    size,
-                    [part[name] for part in parts],
-                    "us",
-                    floors=whole[size],
-                    over="whole",
-                )
-                for name in PARTS
-            ),
-        ]
+        found, spent = _measure_size(size, tiny=tiny, progress=progress)
+        rows += found
+        whole.append(spent)
     rows.append(
         figures.row(
             "barrier: whole, growth",
             sizes[-1],
-            whole[sizes[-1]],
+            whole[-1],
             "us",
-            floors=whole[sizes[0]],
+            floors=whole[0],
             over=f"{sizes[0]} robots",
             budget=OVER_SMALLEST_MAX,
             bound="ratio <=",
         )
     )
     return tuple(rows)
+
+
+def _measure_size(
+    size: int, *, tiny: bool, progress: Callable[[str], None]
+) -> tuple[list[Row], list[float]]:
+    """Rows of one N, and the whole system's figure in each round."""
+    rounds, window_s = (1, TINY_WINDOW_S) if tiny else (ROUNDS, WINDOW_S)
+    seen = rehearsal.rehearse(
+        rehearsal.built_in(SCENARIO, robots=size, settings=[LONG]), REHEARSED_TICKS
+    )
+    floors, whole, recorded, parts = [], [], [], []
+    for number in range(rounds):
+        progress(f"barrier: {size} robots, round {number + 1} of {rounds}")
+        floors.append(bare_barrier(seen, window_s).cpu_us)
+        whole.append(whole_system(size, window_s, recorded=False).cpu_us)
+        recorded.append(whole_system(size, window_s, recorded=True).cpu_us)
+        parts.append(parts_of(seen))
+    row, over = figures.row, "bare barrier"
+    return [
+        row("barrier: bare", size, floors, "us"),
+        row("barrier: whole", size, whole, "us", floors=floors, over=over),
+        row("barrier: whole, recorded", size, recorded, "us", floors=whole, over="not recorded"),
+        row(
+            "barrier: whole less own",
+            size,
+            [all_us - part.own_us for all_us, part in zip(whole, parts, strict=True)],
+            "us",
+            floors=floors,
+            over=over,
+            budget=OVER_BARE_MAX,
+            bound="ratio <=",
+        ),
+        *(
+            row(
+                f"barrier: of it {name.removesuffix('_us')}",
+                size,
+                [getattr(part, name) for part in parts],
+                "us",
+                floors=whole,
+                over="whole",
+            )
+            for name in Parts.__struct_fields__
+        ),
+    ], whole
 
 
 # --- processes ----------------------------------------------------------------------------------
@@ -206,30 +211,60 @@ def conduct(system: System, sender: Connection) -> None:
 
 # --- what is the cores' own ---------------------------------------------------------------------
 
-PARTS: dict[str, Callable[[Rehearsal, Moment], list[rehearsal.Job]]] = {
-    "robot step": lambda seen, moment: [
-        lambda frame=frame: robot.step(  # type: ignore[misc]
-            seen.setups[frame.robot], moment.minds[frame.robot], frame
-        )
-        for frame in moment.frames
-    ],
-    "world sense": lambda seen, moment: [lambda: simulation.sense(seen.world, moment.state)],
-    "world step": lambda seen, moment: [
-        lambda: simulation.step(seen.world, moment.state, moment.commands)
-    ],
-    "record": lambda seen, moment: [
-        lambda: simulation.record(
-            seen.world, moment.state, moment.frames, moment.commands.values()
-        )
-    ],
-    "encode": lambda seen, moment: [
-        lambda message=message: messages.encode(message)  # type: ignore[misc]
-        for message in (*moment.frames, *moment.commands.values())
-    ],
-    "decode": lambda seen, moment: [
-        lambda topic=topic, payload=messages.encode(message): messages.decode(topic, payload)  # type: ignore[misc]
-        for topic, sent in ((FRAME, moment.frames), (COMMAND, moment.commands.values()))
-        for message in sent
-    ],
-}
-OWN = ("robot step", "world sense", "world step", "record")
+
+class Parts(msgspec.Struct, frozen=True):
+    """CPU per robot and tick of what the processes do themselves."""
+
+    step_us: float  # robot.step
+    sense_us: float  # simulation.sense
+    move_us: float  # simulation.step
+    record_us: float  # simulation.record
+    metrics_us: float  # metrics.observe
+    encode_us: float  # one frame and one command
+    decode_us: float
+
+    @property
+    def own_us(self) -> float:
+        """What would be there with any other transport: all but the codec."""
+        return self.step_us + self.sense_us + self.move_us + self.record_us + self.metrics_us
+
+
+def parts_of(seen: Rehearsal) -> Parts:
+    """Time the pure functions again on what a rehearsed run gave them."""
+    moments = seen.moments[SETTLE_TICKS:]
+    rate = 1e6 / (len(moments) * len(seen.setups))  # s in all -> us per robot and tick
+
+    def best_us(jobs: Iterable[rehearsal.Job]) -> float:
+        return rate * sum(rehearsal.best_s(jobs, PASSES))
+
+    frames = [frame for moment in moments for frame in moment.frames]
+    commands = [command for moment in moments for command in moment.commands.values()]
+    payloads = [(FRAME, messages.encode(frame)) for frame in frames]
+    payloads += [(COMMAND, messages.encode(command)) for command in commands]
+    return Parts(
+        step_us=best_us(
+            partial(robot.step, seen.setups[frame.robot], moment.minds[frame.robot], frame)
+            for moment in moments
+            for frame in moment.frames
+        ),
+        sense_us=best_us(partial(simulation.sense, seen.world, one.state) for one in moments),
+        move_us=best_us(
+            partial(simulation.step, seen.world, one.state, one.commands) for one in moments
+        ),
+        record_us=best_us(
+            partial(simulation.record, seen.world, one.state, one.frames, one.commands.values())
+            for one in moments
+        ),
+        metrics_us=rate * min(_observe_s(seen) for _ in range(PASSES)),
+        encode_us=best_us(partial(messages.encode, one) for one in [*frames, *commands]),
+        decode_us=best_us(partial(messages.decode, *payload) for payload in payloads),
+    )
+
+
+def _observe_s(seen: Rehearsal) -> float:
+    """A score takes each tick once, so every pass needs a new one."""
+    score = metrics.begin(seen.scenario)
+    for moment in seen.moments[:SETTLE_TICKS]:
+        metrics.observe(score, moment.record)
+    rest = seen.moments[SETTLE_TICKS:]
+    return sum(rehearsal.best_s((partial(metrics.observe, score, one.record) for one in rest), 1))

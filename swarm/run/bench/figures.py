@@ -94,7 +94,8 @@ def row(
     compared = ratio if bound == "ratio <=" else figure
     ok = True
     if budget is not None:
-        assert bound is not None and compared is not None
+        assert bound is not None
+        assert compared is not None
         ok = compared >= budget if bound == "figure >=" else compared <= budget
     return Row(
         name=name,
@@ -113,6 +114,11 @@ def row(
     )
 
 
+def at_most(name: str, size: int, values: Sequence[float], unit: str, budget: float) -> Row:
+    """Row whose figure has an upper bound."""
+    return row(name, size, values, unit, budget=budget, bound="figure <=")
+
+
 def calibrate() -> float:
     """Seconds of a fixed loop of plain Python, best of some: the speed of this machine."""
     return min(_calibration_s() for _ in range(CALIBRATION_PASSES))
@@ -128,7 +134,7 @@ def _calibration_s() -> float:
 
 
 def machine() -> Machine:
-    """This one, now."""
+    """The one that runs this, now."""
     load = os.getloadavg()
     return Machine(
         cores=os.cpu_count() or 1,

@@ -1,8 +1,8 @@
 """Child processes of a measurement: started like those of a run, ended whatever happens.
 
-    with Children() as children:
-        children.start(name, main, ...)      from the forkserver of the supervisor
-        children.window()                    what the measuring child has sent
+with Children() as children:
+    children.start(name, main, ...)      from the forkserver of the supervisor
+    children.window()                    what the measuring child has sent
 """
 
 from __future__ import annotations
@@ -24,8 +24,6 @@ from swarm.run import supervisor
 
 RESULT_S = 60.0  # wall, launch included; then the measurement has failed
 END_S = 2.0  # from SIGTERM to SIGKILL
-
-_decoder: msgspec.msgpack.Decoder[Window]
 
 
 class Window(msgspec.Struct, frozen=True, array_like=True):

@@ -1,6 +1,6 @@
 """A run of the pure cores, with everything kept that they were given, to time them on it again.
 
-    scenario --rehearse--> Moment(state, minds, frames, commands, record) per tick --best_s--> s
+scenario --rehearse--> Moment(state, minds, frames, commands, record) per tick --best_s--> s
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ class Rehearsal(msgspec.Struct, frozen=True, eq=False):
 
 
 def built_in(
-    name: str, *, robots: int | None = None, settings: Sequence[str] = (), mcap: bool = False
+    name: str, *, robots: int | None = None, settings: Sequence[str] = (), recorded: bool = False
 ) -> Scenario:
-    """Built-in scenario without a recording, or with all of it."""
+    """Built-in scenario with all of the recording or none of it."""
     data = importlib.resources.files(BUILT_IN).joinpath(f"{name}.toml").read_bytes()
     plan = scenario.decode(data, f"{name}.toml", robots=robots, settings=settings)
-    return msgspec.structs.replace(plan, recording=Recording(mcap=mcap, rerun=mcap))
+    return msgspec.structs.replace(plan, recording=Recording(mcap=recorded, rerun=recorded))
 
 
 def crowd(robots: int, obstacles: int) -> Scenario:

@@ -1,0 +1,148 @@
+"""What thinking and simulating cost without any processes: control step, world, whole swarm.
+
+All on one thread; CPU time of that thread, so that others on the machine disturb little.
+"""
+
+from __future__ import annotations
+
+import gc
+import statistics
+import time
+from collections.abc import Callable
+from functools import partial
+
+from agents import robot
+from swarm.run import lockstep
+from swarm.run.bench import figures, rehearsal
+from swarm.run.bench.figures import Row
+from swarm.run.bench.rehearsal import Rehearsal
+from world import simulation
+
+FORMATION = "two-obstacles"
+ALONE = "single-robot"
+PASSES = 5
+
+# role -> robots in the run, budget of the extended controller's median
+ROLES = {
+    "leader": (6, 100.0),
+    "follower FORM": (6, 150.0),
+    "follower AVOID": (6, 150.0),
+    "alone": (1, 100.0),
+}
+# other budgets
+STEP_US_MAX = 2000.0  # no tick of any controller above it
+WORLD_US_MAX = 100.0  # from this many robots on:
+WORLD_SIZE_MIN = 100
+REAL_TIME_FACTOR_MIN = 60.0
+
+CROWD_OBSTACLES = 50
+CROWD_TICKS = 25  # some are under way by then, and have begun to give way
+TICKS_MAX = 1000  # of any run here; all of them end before, unless a controller never arrives
+TINY_TICKS = 130  # of the formation: the first followers are in AVOID
+
+
+# --- one control step ---------------------------------------------------------------------------
+
+
+def step(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
+    """Median and longest robot.step by role, for each controller, on frames of real runs.
+
+    Each step's time is the best of the passes; median and longest are over the steps.
+    """
+    rows: list[Row] = []
+    ticks_max, passes = (TINY_TICKS, 1) if tiny else (TICKS_MAX, PASSES)
+    for controller in ("extended", "paper"):
+        progress(f"step: {controller}")
+        spent_us: dict[str, list[float]] = {role: [] for role in ROLES}
+        for name in (FORMATION, ALONE):
+            plan = rehearsal.built_in(name, settings=[f"robot.controller={controller}"])
+            for role, step_us in _steps_us(rehearsal.rehearse(plan, ticks_max), passes):
+                if role in spent_us:
+                    spent_us[role].append(step_us)
+        for role, (size, budget_us) in ROLES.items():
+            middle_us = statistics.median(spent_us[role])
+            name = f"step: {role}, {controller}"
+            if controller == "extended":
+                rows.append(figures.at_most(name, size, [middle_us], "us", budget_us))
+            else:
+                rows.append(figures.row(name, size, [middle_us], "us"))
+            longest_us = [max(spent_us[role])]
+            rows.append(figures.at_most(f"{name}, longest", size, longest_us, "us", STEP_US_MAX))
+    return tuple(rows)
+
+
+def _steps_us(seen: Rehearsal, passes: int) -> list[tuple[str, float]]:
+    """(role, us) of every step of a run."""
+    roles, jobs = [], []
+    for moment in seen.moments:
+        for frame in moment.frames:
+            setup, name = seen.setups[frame.robot], frame.robot
+            mode = moment.commands[name].beacon.mode
+            if setup.slot is not None:
+                roles.append(f"follower {mode}")
+            else:
+                roles.append("leader" if setup.leads else "alone")
+            jobs.append(partial(robot.step, setup, moment.minds[name], frame))
+    return [(role, 1e6 * s) for role, s in zip(roles, rehearsal.best_s(jobs, passes), strict=True)]
+
+
+# --- the world ----------------------------------------------------------------------------------
+
+
+def world(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
+    """World per robot and tick among many obstacles.
+
+    Moving is motion and contact, sensing is rays, radio and the frames.
+    """
+    rows: list[Row] = []
+    for size in (2,) if tiny else (6, 20, 100):
+        progress(f"world: {size} robots")
+        plan = rehearsal.crowd(size, CROWD_OBSTACLES)
+        seen = rehearsal.rehearse(plan, 3 if tiny else CROWD_TICKS)
+        rate = 1e6 / (size * len(seen.moments))  # s in all -> us per robot and tick
+        moves = [
+            partial(simulation.step, seen.world, one.state, one.commands) for one in seen.moments
+        ]
+        senses = [partial(simulation.sense, seen.world, one.state) for one in seen.moments]
+        moving_us, sensing_us = [], []
+        for _ in range(1 if tiny else PASSES):
+            moving_us.append(rate * sum(rehearsal.best_s(moves, 1)))
+            sensing_us.append(rate * sum(rehearsal.best_s(senses, 1)))
+        both_us = [move + sense for move, sense in zip(moving_us, sensing_us, strict=True)]
+        rows += [
+            figures.row("world: moving", size, moving_us, "us"),
+            figures.row("world: sensing", size, sensing_us, "us"),
+            figures.at_most("world: both", size, both_us, "us", WORLD_US_MAX)
+            if size >= WORLD_SIZE_MIN
+            else figures.row("world: both", size, both_us, "us"),
+        ]
+    return tuple(rows)
+
+
+# --- the swarm in memory ------------------------------------------------------------------------
+
+
+def memory(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
+    """The formation in one process, wall time, as a multiple of real time."""
+    plan = rehearsal.built_in(FORMATION, settings=["duration_s=2.0"] if tiny else [])
+    factors, rates = [], []
+    for number in range(1 if tiny else PASSES):
+        progress(f"memory: round {number + 1}")
+        gc.collect()
+        begin_s = time.perf_counter()
+        ticks = lockstep.run(plan).score.tick
+        spent_s = time.perf_counter() - begin_s
+        factors.append(ticks * plan.dt_s / spent_s)
+        rates.append(ticks / spent_s)
+    size = len(plan.robots)
+    return (
+        figures.row(
+            "memory: real time",
+            size,
+            factors,
+            "x",
+            budget=REAL_TIME_FACTOR_MIN,
+            bound="figure >=",
+        ),
+        figures.row("memory: ticks", size, rates, "1/s"),
+    )
