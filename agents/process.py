@@ -58,13 +58,15 @@ def main(arguments: Arguments) -> int:
             print(f"swarm-{arguments.name}: {error}", file=sys.stderr, flush=True)
             return error.exit_code
     finally:
+        for reason, count in bus.rejected().items():
+            print(f"swarm-{arguments.name}: ignored {count} x {reason}", file=sys.stderr)
         bus.close()
     print(f"swarm-{arguments.name}: {stop.reason}", file=sys.stderr, flush=True)
     return 0
 
 
 def ask_setup(bus: Bus, name: str) -> RobotSetup:
-    """This robot's part of the scenario; raises BusError or MessageError."""
+    """Part of the scenario that is this robot's; raises BusError or MessageError."""
     reply = bus.ask(messages.SCENARIO, messages.ScenarioRequest(name), SETUP_TIMEOUT_S)
     if not reply.ok:
         raise errors.BusError(f"scenario for {name}: {reply.text}")

@@ -34,6 +34,7 @@ LEADER = 0xFFE08AFF
 LARGEST = 0x4A5568FF
 BETWEEN_ROBOTS = 0xC084FCFF
 FORCE_COLOURS = (0x4ADE80FF, 0xF87171FF, 0xFACC15FF, 0xC084FCFF, 0xFFFFFFFF)  # as in FORCES
+TRAIL_SHARE = 0.7  # of a robot's brightness
 ABOVE = 50.0  # drawing order; Rerun's own for points is 30
 STATE_COLOURS: Mapping[str, int] = {
     "GO": 0x4299E1FF,
@@ -53,6 +54,7 @@ def statics(scenario: Scenario, obstacles: Sequence[Obstacle]) -> dict[str, Stat
     """Static content by entity path."""
     names = [robot.name for robot in scenario.robots]
     own = colours(scenario)
+    trails = dimmed(own, TRAIL_SHARE)
     radii_m = [robot.body_radius_m for robot in scenario.robots]
     result: dict[str, Static] = {
         "world": [rr.Transform3D(mat3x3=np.diag([1.0, -1.0, 1.0]))],
@@ -60,7 +62,7 @@ def statics(scenario: Scenario, obstacles: Sequence[Obstacle]) -> dict[str, Stat
         "world/walls": _outlines(obstacles),
         "world/goals": _goals(scenario, own),
         "world/slots": [rr.Points2D.from_fields(colors=dimmed(own, 0.8), radii=[0.06])],
-        "world/trails": [rr.LineStrips2D.from_fields(colors=dimmed(own, 0.7), radii=[0.03])],
+        "world/trails": [rr.LineStrips2D.from_fields(colors=trails, radii=[0.03])],
         "world/scan": [rr.Points2D.from_fields(colors=[SCAN], radii=[0.03])],
         "world/bodies": [rr.Points2D.from_fields(colors=own, radii=radii_m)],
         "world/headings": [

@@ -192,7 +192,7 @@ def _stopped(batch: Batch) -> Iterator[Drawing]:
 
 def _slot_marks(batch: Batch) -> Iterator[Drawing]:
     """All robots, so that the colours fit; a point that is nan is not drawn."""
-    if np.isfinite(batch.slots).any():
+    if batch.scenario.formation is not None and len(batch.detail):
         counts = [batch.slots.shape[1]] * len(batch.detail)
         yield Drawing("world/slots", batch.detail, _points(batch.slots, counts))
 
@@ -221,9 +221,9 @@ def _forces(batch: Batch) -> Iterator[Drawing]:
             flat += forces.rotating
             flat += forces.robots
             flat += forces.resultant
-    if not whose:
+    if not counts:
         return
-    origins = batch.positions[np.repeat(batch.detail, counts), whose]
+    origins = batch.positions[np.repeat(batch.detail, counts), np.array(whose, np.intp)]
     vectors = np.array(flat).reshape(-1, len(FORCES), 2)
     lengths = np.sqrt((vectors**2).sum(axis=2, keepdims=True))
     vectors *= FORCE_LENGTH_M_MAX / (lengths + FORCE_HALF)

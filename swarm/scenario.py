@@ -563,18 +563,40 @@ def _convert(raw: Any, type_: type[T], where: str, inside: str = "") -> T:
         full = ".".join(part for part in (inside, path) if part) or "the whole file"
         text = text[0].lower() + text[1:]
         got = "" if "got" in text or found is None else f", got {found}"
-        raise errors.ScenarioError(f"{where}: {full}: {_expected(text, raw, path)}{got}") from error
+        raise errors.ScenarioError(
+            f"{where}: {full}: {_expected(text, type_, path)}{got}"
+        ) from error
 
 
-def _expected(text: str, raw: Any, path: str) -> str:
+def _expected(text: str, type_: Any, path: str) -> str:
+    """Text of msgspec's, with the known keys or values where it does not name them."""
     if "unknown field" in text:
-        name = text.split("`")[1]
-        return f"expected only known keys, got '{name}'"
+        name, known = text.split("`")[1], _known(type_, path)
+        return f"expected one of the keys {', '.join(known)}, got '{name}'"
     if "invalid enum value" in text:
-        return "expected one of the known values"
+        return f"expected one of {', '.join(_known(type_, path))}"
     if "missing required field" in text:
         return f"expected the key '{text.split('`')[1]}', got none"
     return text
+
+
+def _known(type_: Any, path: str) -> list[str]:
+    """Keys of the table, or values of the choice, that a path of a type leads to."""
+    info: Any = msgspec.inspect.type_info(type_)
+    for step in [*re.findall(r"[^.\[\]]+", path), ""]:
+        if isinstance(info, msgspec.inspect.UnionType):
+            info = next(one for one in info.types if not isinstance(one, msgspec.inspect.NoneType))
+        if not step:
+            break
+        if isinstance(info, msgspec.inspect.StructType):
+            info = next(field.type for field in info.fields if field.encode_name == step)
+        elif isinstance(info, msgspec.inspect.TupleType):
+            info = info.item_types[int(step)]
+        else:
+            info = info.item_type
+    if isinstance(info, msgspec.inspect.StructType):
+        return [field.encode_name for field in info.fields]
+    return [str(value) for value in info.values]
 
 
 def _found(raw: Any, path: str) -> str | None:

@@ -171,6 +171,9 @@ def run(
     view: Annotated[
         Literal["none", "web", "native"], Option(help="Watch it live in Rerun.")
     ] = "none",
+    foxglove: Annotated[
+        bool, Option("--foxglove", help="Serve it live to Foxglove on loopback.")
+    ] = False,
     out: Annotated[Path | None, Option(metavar="DIR", help="Folder of the run.")] = None,
     as_json: Json = False,
     quiet: Annotated[bool, Option("--quiet", "-q", help="No progress.")] = False,
@@ -188,7 +191,6 @@ def run(
     """Launch the world and its robots, watch them, and report.
 
     Examples:
-
       swarm run two-obstacles
       swarm run two-obstacles --view web --rate 1
       swarm run two-obstacles --fault kill:robot3@9.6
@@ -198,7 +200,7 @@ def run(
     changes = list(settings or [])
     if clock is not None:
         changes.append(f'clock.mode="{clock}"')
-    if rate is None and view != "none":
+    if rate is None and (view != "none" or foxglove):
         changes.insert(0, "clock.rate=1.0")
     elif rate is not None:
         changes.append(f"clock.rate={rate}")
@@ -212,7 +214,8 @@ def run(
         duration_s=duration,
     )
     _check_scene(plan)
-    _check_flags(plan, bus, view, router, tls)
+    _check_flags(plan, bus, view != "none" or foxglove, router, tls)
+    _check_display(view)
     toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
     if dry_run:
         if as_json:
@@ -243,6 +246,7 @@ def run(
                     router=router,
                     tls=tls,
                     view=view,
+                    foxglove=foxglove,
                     stop_after_s=stop_after,
                 ),
                 watcher,
@@ -261,23 +265,19 @@ def _check_scene(plan: scenarios.Scenario) -> None:
 
 
 def _check_flags(
-    plan: scenarios.Scenario, bus: str, view: str, router: str | None, tls: Path | None
+    plan: scenarios.Scenario, bus: str, watched: bool, router: str | None, tls: Path | None
 ) -> None:
     if bus == "memory":
         if plan.clock.mode == "realtime":
             raise errors.UsageError(
-                "--bus memory: expected --clock lockstep, got realtime; one process has no lateness "
-                "to show, use --rate 1 to pace it"
+                "--bus memory: expected --clock lockstep, got realtime; one process has no "
+                "lateness to show, use --rate 1 to pace it"
             )
-        if view != "none" or router is not None or tls is not None:
+        if watched or router is not None or tls is not None:
             raise errors.UsageError(
-                "--bus memory: expected no --view, --router or --tls: nothing leaves the process"
+                "--bus memory: expected no --view, --foxglove, --router or --tls: "
+                "nothing leaves the process"
             )
-    if view == "native" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise errors.UsageError(
-            "--view native: expected a display (DISPLAY or WAYLAND_DISPLAY), got none; "
-            "use --view web, or open run.rrd on a machine that has one"
-        )
     if tls is not None:
         names = ["world", "supervisor", *(robot.name for robot in plan.robots)]
         wanted = ["ca.pem", *(f"{name}{end}" for name in names for end in (".pem", ".key"))]
@@ -287,6 +287,14 @@ def _check_flags(
                 f"--tls {tls}: expected ca.pem and NAME.pem, NAME.key for every process, "
                 f"got no {', '.join(missing[:4])}{' ...' if len(missing) > 4 else ''}"
             )
+
+
+def _check_display(view: str) -> None:
+    if view == "native" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise errors.UsageError(
+            "--view native: expected a display (DISPLAY or WAYLAND_DISPLAY), got none; "
+            "use --view web, or open run.rrd on a machine that has one"
+        )
 
 
 def _run_in_memory(
@@ -316,7 +324,7 @@ def _run_in_memory(
     previous = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
         card = runs.card_of(runs.run_id(folder), name, "memory", folder)
-        watcher.started(card, None)
+        watcher.started(card, [])
         return lockstep.record(plan, name, toml, folder, stop, on_status), bool(interrupted)
     finally:
         for number, handler in previous.items():
@@ -379,10 +387,7 @@ def _report(
 
 def _pick(run_id: str | None) -> runs.Card:
     cards = runs.running()
-    if run_id is not None:
-        matching = [card for card in cards if card.run == run_id]
-    else:
-        matching = cards
+    matching = [card for card in cards if run_id in (None, card.run)]
     if len(matching) == 1:
         return matching[0]
     known = ", ".join(card.run for card in cards) or "none"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -37,11 +38,11 @@ class Progress(Watcher):
         self._live: Live | None = None
         self._line_due_s = 0.0
 
-    def started(self, card: runs.Card, viewer: str | None) -> None:
+    def started(self, card: runs.Card, addresses: Sequence[str]) -> None:
         """Say where everything is."""
         self.note(f"{card.scenario}: run {card.run} on {card.endpoint}")
-        if viewer is not None:
-            self.note(f"watch: {viewer}")
+        for address in addresses:
+            self.note(f"watch in {address}")
         if self._console.is_terminal:
             self._live = Live(console=self._console, refresh_per_second=4, transient=True)
             self._live.start()

@@ -19,7 +19,7 @@ import subprocess
 import sys
 import time
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from multiprocessing import connection
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -52,14 +52,15 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     router: str | None = None  # endpoint of an external router
     tls: Path | None = None
     view: str = "none"
+    foxglove: bool = False
     stop_after_s: float | None = None
 
 
 class Watcher:
     """What a front end hears of a run; this one is silent."""
 
-    def started(self, card: runs.Card, viewer: str | None) -> None:
-        """World is up; `viewer` is the address of the live picture, if any."""
+    def started(self, card: runs.Card, addresses: Sequence[str]) -> None:
+        """World is up; `addresses` are those of the live pictures."""
 
     def status(self, status: Status) -> None:
         """Twice a second."""
@@ -72,6 +73,13 @@ class Watcher:
 
     def close(self) -> None:
         """It is over."""
+
+
+class Ports(msgspec.Struct, frozen=True):
+    """Ports of the live pictures, None where there is none."""
+
+    rerun: int | None
+    foxglove: int | None
 
 
 class Ending(msgspec.Struct, frozen=True):
@@ -111,12 +119,15 @@ class _Supervisor:
         }
         bus = None
         try:
-            serve_port = None if self._plan.view == "none" else _free_port()
-            bus, endpoint = self._launch(serve_port)
+            ports = Ports(
+                rerun=None if self._plan.view == "none" else _free_port(),
+                foxglove=_free_port() if self._plan.foxglove else None,
+            )
+            bus, endpoint = self._launch(ports)
             if bus is not None:
                 card = runs.card_of(self._run, self._plan.name, endpoint, self._plan.folder)
                 with runs.posted(card, self._plan.folder):
-                    self._watcher.started(card, self._open_viewer(serve_port))
+                    self._watcher.started(card, self._open_viewers(ports))
                     self._watch(bus)
         finally:
             self._end_all()
@@ -132,13 +143,13 @@ class _Supervisor:
 
     # --- start ---
 
-    def _launch(self, serve_port: int | None) -> tuple[zenoh_bus.ZenohBus | None, str]:
+    def _launch(self, ports: Ports) -> tuple[zenoh_bus.ZenohBus | None, str]:
         """Start everyone and join the bus; (None, ...) when interrupted meanwhile."""
         plan = self._plan
         for _ in range(PORT_TRIES):
             scheme = "tls" if plan.tls else "tcp"
             endpoint = plan.router or f"{scheme}/127.0.0.1:{_free_port()}"
-            self._start_children(endpoint, serve_port)
+            self._start_children(endpoint, ports)
             bus = self._join(endpoint)
             if bus is not None or self._signals:
                 return bus, endpoint
@@ -150,7 +161,7 @@ class _Supervisor:
             f"expected a free port on 127.0.0.1 for the router, got {PORT_TRIES} that were taken"
         )
 
-    def _start_children(self, endpoint: str, serve_port: int | None) -> None:
+    def _start_children(self, endpoint: str, ports: Ports) -> None:
         plan, logs = self._plan, self._plan.folder / runs.LOGS
         self._children.clear()
         self._ended.clear()
@@ -167,7 +178,8 @@ class _Supervisor:
                     external_router=plan.router is not None,
                     tls=plan.tls,
                     log=logs / "world.log",
-                    serve_port=serve_port,
+                    serve_port=ports.rerun,
+                    foxglove_port=ports.foxglove,
                     supervisor_pid=os.getpid(),
                 ),
             )
@@ -209,29 +221,34 @@ class _Supervisor:
             return bus
         return None
 
-    def _open_viewer(self, serve_port: int | None) -> str | None:
-        if serve_port is None:
-            return None
+    def _open_viewers(self, ports: Ports) -> list[str]:
+        """Start the viewer that was asked for; addresses of all live pictures."""
+        addresses = []
+        if ports.foxglove is not None:
+            addresses.append(f"Foxglove: ws://127.0.0.1:{ports.foxglove}")
+        if ports.rerun is None:
+            return addresses
         from dashboards import live  # rerun takes half a second to import: only who views pays
 
-        uri = live.uri(serve_port)
+        uri = live.uri(ports.rerun)
         if self._plan.view == "native":
             command, shown = live.native_command(uri), uri
         else:
             web_port = _free_port()
-            command = live.web_command(web_port, uri)
-            shown = live.web_address(web_port, uri)
-        log = (self._plan.folder / runs.LOGS / "viewer.log").open("wb")
+            command, shown = live.web_command(web_port, uri), live.web_address(web_port, uri)
         try:
-            self._viewer = subprocess.Popen(
-                command, stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True
-            )
+            with (self._plan.folder / runs.LOGS / "viewer.log").open("wb") as log:
+                self._viewer = subprocess.Popen(
+                    command,
+                    stdout=log,
+                    stderr=log,
+                    stdin=subprocess.DEVNULL,
+                    start_new_session=True,
+                )
         except OSError as error:
             self._watcher.note(f"viewer: expected to start {command[0]}, got: {error.strerror}")
-            return None
-        finally:
-            log.close()
-        return shown
+            return addresses
+        return [*addresses, f"Rerun: {shown}"]
 
     # --- while it runs ---
 

@@ -191,7 +191,7 @@ def test_states_have_a_row_only_where_they_change(
         if path in second:
             found += [30 + tick for tick in second[path].rows.tolist()]
         assert found == changes
-        states = [text for text in first[path].columns[0].as_arrow_array().flatten().to_pylist()]
+        states = first[path].columns[0].as_arrow_array().flatten().to_pylist()
         assert states == [modes[tick] for tick in changes if tick < 30]
         assert set(states) <= set(stage.STATE_COLOURS)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import trustme
+import zenoh
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 from cryptography.x509.oid import NameOID
@@ -117,11 +118,19 @@ def test_world_refuses_who_shows_no_certificate_of_its_authority(
     endpoint = endpoint.replace("tcp/", "tls/")
     world = zenoh_bus.open_router("tls", endpoint, tls=certificates)
     try:
-        for tls in (tmp_path, None):
-            with pytest.raises(errors.BusError, match="reach the router"):
-                zenoh_bus.open_client(
-                    "tls", endpoint, name="robot1", tls=tls, connect_timeout_s=0.3
-                )
+        with pytest.raises(errors.BusError, match="reach the router"):
+            zenoh_bus.open_client(
+                "tls", endpoint, name="robot1", tls=tmp_path, connect_timeout_s=0.3
+            )
+        nobody = zenoh.Config()
+        for key, value in {
+            "mode": "client",
+            "connect/endpoints": [endpoint],
+            "transport/link/tls/root_ca_certificate": str(certificates / "ca.pem"),
+        }.items():
+            nobody.insert_json5(key, json.dumps(value))
+        with pytest.raises(zenoh.ZError):
+            zenoh.open(nobody)
         zenoh_bus.open_client("tls", endpoint, name="robot1", tls=certificates).close()
     finally:
         world.close()

@@ -70,6 +70,17 @@ def test_dockerfile_copies_what_exists_and_is_sent_to_the_builder(source: str) -
     assert any(fnmatch.fnmatch(source, line[1:]) for line in ignore if line.startswith("!"))
 
 
+def test_project_installs_every_package_it_has() -> None:
+    """An editable install finds the others as well; an image does not."""
+    listed = set(PROJECT["tool"]["setuptools"]["packages"])
+    folders = {
+        ".".join(path.relative_to(files.ROOT).parent.parts)
+        for top in {name.split(".")[0] for name in listed}
+        for path in (files.ROOT / top).rglob("__init__.py")
+    }
+    assert listed == folders
+
+
 def test_dockerfile_copies_every_package_and_file_the_build_needs() -> None:
     packages = {name.split(".")[0] for name in PROJECT["tool"]["setuptools"]["packages"]}
     project = PROJECT["project"]

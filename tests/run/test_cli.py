@@ -56,7 +56,7 @@ def test_help_teaches_every_verb(here: Here, verb: str) -> None:
 
 BAD_SETTINGS = {
     "dt_s=0.5": ("dt_s", "<= 0.1", "got 0.5"),
-    "robots.0.colour=1": ("robots[0]", "only known keys", "'colour'"),
+    "robots.0.colour=1": ("robots[0]", "expected one of the keys", "'colour'"),
     "field.k_g=nan": ("field.k_g", "> 0", "nan"),
     "formation.leader=nobody": ("formation.leader", "expected", "'nobody'"),
     "clock.rate": ("--set clock.rate", "PATH=VALUE", "got 'clock.rate'"),

@@ -10,6 +10,7 @@ rehearsal   a run of the pure cores kept for timing them again
 cores       step, world, memory: in one process
 processes   children of a measurement, and the CPU of many processes
 bare        N + 1 processes over Zenoh that only exchange bytes
+system      the product's own processes, with a meter inside
 barrier     the whole system over the bare one
 telemetry   recording on over off
 launch      seconds to the first tick, memory of a robot

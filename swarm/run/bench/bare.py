@@ -13,12 +13,15 @@ import json
 import os
 import signal
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 import msgspec
 import zenoh
 
 from swarm import lifetime
+from swarm.run import supervisor
 from swarm.run.bench import processes
+from swarm.run.bench.processes import Window
 
 # one worker thread does everything; only for leaves, it deadlocks a node that forwards
 LEAF_RUNTIME = (
@@ -26,20 +29,38 @@ LEAF_RUNTIME = (
     "app:(worker_threads:1))"
 )
 QUEUE_MAX = 4096  # messages; at the bound the BLOCK sender waits
-WARM_UP_TICKS = 20
 
 
 class Barrier(msgspec.Struct, frozen=True):
     """What every process of it knows."""
 
     endpoint: str
+    folder: Path  # for logs
     bench_pid: int
     frame_bytes: tuple[int, ...]  # per robot
     command_bytes: tuple[int, ...]
 
 
-def world(barrier: Barrier, robot_pids: list[int], window_s: float, sender: Connection) -> None:
-    """Tick until the window has passed, send what it cost."""
+def measure(
+    frame_bytes: tuple[int, ...], command_bytes: tuple[int, ...], window_s: float
+) -> Window:
+    """One window of a barrier with the payloads of a real one."""
+    with processes.Children() as children:
+        barrier = Barrier(
+            endpoint=f"tcp/127.0.0.1:{supervisor._free_port()}",
+            folder=children.folder,
+            bench_pid=os.getpid(),
+            frame_bytes=frame_bytes,
+            command_bytes=command_bytes,
+        )
+        children.start("world", world, barrier, window_s, children.child_end)
+        for row in range(len(frame_bytes)):
+            children.start(f"robot{row + 1}", robot, barrier, row)
+        return children.windows()[0]
+
+
+def world(barrier: Barrier, window_s: float, end: Connection) -> None:
+    """Tick until the window has passed."""
     _adopt("world", barrier)
     config = _config("router")
     config.insert_json5("listen/endpoints", json.dumps([barrier.endpoint]))
@@ -56,16 +77,14 @@ def world(barrier: Barrier, robot_pids: list[int], window_s: float, sender: Conn
         ]
         for _ in frames:
             tokens.recv()
-        meter = processes.Meter([os.getpid(), *robot_pids], window_s)
-        tick, window = 0, None
-        while window is None:
+        meter = processes.Meter(end, windows=1, window_s=window_s, settle_s=0.0)
+        tick = 0
+        while not meter.look(tick):
             for publisher, payload in frames:
                 publisher.put(payload)
             for _ in frames:
                 commands.recv().payload.to_bytes()
             tick += 1
-            window = meter.look(tick) if tick >= WARM_UP_TICKS else None
-        processes.send(sender, window)
 
 
 def robot(barrier: Barrier, row: int) -> None:
@@ -92,7 +111,8 @@ def robot(barrier: Barrier, row: int) -> None:
 
 
 def _adopt(name: str, barrier: Barrier) -> None:
-    lifetime.adopt(name, None, lifetime.Stop(), barrier.bench_pid)
+    log = barrier.folder / f"{name}.log"
+    lifetime.adopt(name, log, lifetime.Stop(), barrier.bench_pid)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing here looks at the Stop
 
 

@@ -5,59 +5,36 @@
     whole, recorded    with MCAP and Rerun
     whole less own     without what robots and world compute, whatever carries their messages
 
-The supervisor is left out: it sleeps, and wakes ten times a second. What the cores need for
-themselves is measured on one thread with warm caches, so what they need more as N + 1 processes
-that push each other off two cores counts as the barrier's.
+What the cores need for themselves is measured on one thread with warm caches. What they need more
+as N + 1 processes that push each other off a few cores therefore counts as the barrier's.
 """
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable, Iterable
 from functools import partial
-from multiprocessing.connection import Connection
-from pathlib import Path
 
 import msgspec
-import tomli_w
 
-import agents.process
-import world.process
 from agents import robot
-from swarm import lifetime, messages, metrics, scenario, zenoh_bus
-from swarm.messages import COMMAND, FRAME, Status
-from swarm.run import supervisor
-from swarm.run.bench import bare, figures, processes, rehearsal
+from swarm import messages, metrics
+from swarm.messages import COMMAND, FRAME
+from swarm.run.bench import bare, figures, rehearsal, system
 from swarm.run.bench.figures import Row
-from swarm.run.bench.processes import Window
 from swarm.run.bench.rehearsal import Rehearsal
 from world import simulation
 
-SCENARIO = "empty"
-LONG = "duration_s=1e6"  # the window ends it
-RUN = "bench"
 SIZES = (6, 20, 50)
 ROUNDS = 3
-WINDOW_S = 1.5  # wall, of each measurement; status calls, which end it, come twice a second
+WINDOW_S = 1.0  # wall, of each measurement
+SETTLE_S = 0.5  # before each, without and with recording
 TINY_SIZES = (2,)
-TINY_WINDOW_S = 0.3
+TINY_WINDOW_S = 0.1
 OVER_BARE_MAX = 1.6  # whole less own, design budget
 OVER_SMALLEST_MAX = 1.4  # whole, most robots over fewest, design budget
 SETTLE_TICKS = 5  # until every robot has heard all others
 REHEARSED_TICKS = 25
 PASSES = 5
-
-
-class System(msgspec.Struct, frozen=True):
-    """What the world of a whole system is told."""
-
-    scenario_toml: bytes
-    endpoint: str
-    folder: Path
-    bench_pid: int
-    robot_pids: list[int]
-    window_s: float
 
 
 def measure(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
@@ -88,16 +65,20 @@ def _measure_size(
     size: int, *, tiny: bool, progress: Callable[[str], None]
 ) -> tuple[list[Row], list[float]]:
     """Rows of one N, and the whole system's figure in each round."""
-    rounds, window_s = (1, TINY_WINDOW_S) if tiny else (ROUNDS, WINDOW_S)
-    seen = rehearsal.rehearse(
-        rehearsal.built_in(SCENARIO, robots=size, settings=[LONG]), REHEARSED_TICKS
-    )
+    rounds = 1 if tiny else ROUNDS
+    window_s, settle_s = (TINY_WINDOW_S, 0.0) if tiny else (WINDOW_S, SETTLE_S)
+    plan = rehearsal.built_in(system.SCENARIO, robots=size)
+    seen = rehearsal.rehearse(plan, REHEARSED_TICKS)
+    last = seen.moments[-1]
+    frame_bytes = tuple(len(messages.encode(frame)) for frame in last.frames)
+    command_bytes = tuple(len(messages.encode(one)) for one in last.commands.values())
     floors, whole, recorded, parts = [], [], [], []
     for number in range(rounds):
         progress(f"barrier: {size} robots, round {number + 1} of {rounds}")
-        floors.append(bare_barrier(seen, window_s).cpu_us)
-        whole.append(whole_system(size, window_s, recorded=False).cpu_us)
-        recorded.append(whole_system(size, window_s, recorded=True).cpu_us)
+        floors.append(bare.measure(frame_bytes, command_bytes, window_s).cpu_us)
+        turn = system.measure(size, turns=1, window_s=window_s, settle_s=settle_s)
+        whole.append(turn.plain[0].cpu_us)
+        recorded.append(turn.recorded[0].cpu_us)
         parts.append(parts_of(seen))
     row, over = figures.row, "bare barrier"
     return [
@@ -126,87 +107,6 @@ def _measure_size(
             for name in Parts.__struct_fields__
         ),
     ], whole
-
-
-# --- processes ----------------------------------------------------------------------------------
-
-
-def bare_barrier(seen: Rehearsal, window_s: float) -> Window:
-    """Floor with the payloads of a rehearsed run."""
-    last = seen.moments[-1]
-    barrier = bare.Barrier(
-        endpoint=f"tcp/127.0.0.1:{supervisor._free_port()}",
-        bench_pid=os.getpid(),
-        frame_bytes=tuple(len(messages.encode(frame)) for frame in last.frames),
-        command_bytes=tuple(len(messages.encode(one)) for one in last.commands.values()),
-    )
-    with processes.Children() as children:
-        pids = [
-            children.start(f"robot{row + 1}", bare.robot, barrier, row)
-            for row in range(len(barrier.frame_bytes))
-        ]
-        children.start("world", bare.world, barrier, pids, window_s, children.sender)
-        return children.window()
-
-
-def whole_system(size: int, window_s: float, *, recorded: bool) -> Window:
-    """The product's own processes, as a run has them."""
-    plan = rehearsal.built_in(SCENARIO, robots=size, settings=[LONG], recorded=recorded)
-    endpoint = f"tcp/127.0.0.1:{supervisor._free_port()}"
-    with tempfile.TemporaryDirectory() as folder, processes.Children() as children:
-        pids = [
-            children.start(
-                row.name,
-                agents.process.main,
-                agents.process.Arguments(
-                    run=RUN,
-                    endpoint=endpoint,
-                    name=row.name,
-                    log=Path(folder) / f"{row.name}.log",
-                    supervisor_pid=os.getpid(),
-                ),
-            )
-            for row in plan.robots
-        ]
-        system = System(
-            scenario_toml=tomli_w.dumps(scenario.to_builtins(plan)).encode(),
-            endpoint=endpoint,
-            folder=Path(folder),
-            bench_pid=os.getpid(),
-            robot_pids=pids,
-            window_s=window_s,
-        )
-        children.start("world", conduct, system, children.sender)
-        return children.window()
-
-
-def conduct(system: System, sender: Connection) -> None:
-    """World process: run until the window has passed, send what it cost.
-
-    Only its status calls look at the meter, so the ticks themselves are those of any run.
-    """
-    stop = lifetime.Stop()
-    lifetime.adopt("world", system.folder / "world.log", stop, system.bench_pid)
-    meter = processes.Meter([os.getpid(), *system.robot_pids], system.window_s)
-
-    def on_status(status: Status) -> None:
-        if status.state == "running" and (window := meter.look(status.tick)) is not None:
-            processes.send(sender, window)
-            stop.request("measured")
-
-    bus = zenoh_bus.open_router(RUN, system.endpoint)
-    try:
-        world.process.record_run(
-            bus,
-            SCENARIO,
-            system.scenario_toml,
-            system.folder,
-            stop,
-            bus_name="zenoh",
-            on_status=on_status,
-        )
-    finally:
-        bus.close()
 
 
 # --- what is the cores' own ---------------------------------------------------------------------

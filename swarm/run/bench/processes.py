@@ -1,16 +1,22 @@
 """Child processes of a measurement: started like those of a run, ended whatever happens.
 
-with Children() as children:
-    children.start(name, main, ...)      from the forkserver of the supervisor
-    children.window()                    what the measuring child has sent
+    with Children() as children:                  from the forkserver of the supervisor
+        children.start("world", main, children.child_end, ...)       it has the ticks and a Meter
+        children.start("robot1", main, ...)
+        windows = children.windows()
+
+World first, as in a run. It learns the pids of all others from the pipe when it begins to measure.
 """
 
 from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
+import tempfile
 import time
 from collections.abc import Callable
+from multiprocessing import connection
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -22,8 +28,9 @@ import psutil
 from swarm import errors
 from swarm.run import supervisor
 
-RESULT_S = 60.0  # wall, launch included; then the measurement has failed
+RESULT_S = 90.0  # wall, launch included; then the measurement has failed
 END_S = 2.0  # from SIGTERM to SIGKILL
+WARM_UP_TICKS = 20  # before the first window; robots meet, caches fill
 
 
 class Window(msgspec.Struct, frozen=True, array_like=True):
@@ -40,28 +47,47 @@ class Window(msgspec.Struct, frozen=True, array_like=True):
         return 1e6 * self.cpu_s / (self.ticks * self.robots)
 
 
-_decoder = msgspec.msgpack.Decoder(Window)
+_decoder = msgspec.msgpack.Decoder(tuple[Window, ...])
 
 
 class Meter:
-    """Counts ticks and CPU between a begin and an end, in the process that has the ticks."""
+    """Windows over ticks and CPU, in the process that has the ticks."""
 
-    def __init__(self, pids: list[int], window_s: float) -> None:
-        self._pids = pids
+    def __init__(self, end: Connection, windows: int, window_s: float, settle_s: float) -> None:
+        """`settle_s` is left out before each window: `number` changes what goes on there."""
+        self.number = 0  # of the window at hand, or being settled for
+        self._end = end
+        self._windows = windows
         self._window_s = window_s
+        self._settle_s = settle_s
+        self._pids: list[int] = []
+        self._due_s = 0.0
         self._begin: tuple[int, float, float] | None = None
+        self._done: list[Window] = []
 
-    def look(self, tick: int) -> Window | None:
-        """Begin at the first call, None until the window has passed, then what it held."""
+    def look(self, tick: int) -> bool:
+        """Once after every tick; True from the last window's end on, which has been sent then."""
+        if tick < WARM_UP_TICKS or self.number == self._windows:
+            return self.number == self._windows
         now_s = time.monotonic()
+        if not self._pids:
+            self._pids = [*msgspec.msgpack.decode(self._end.recv_bytes(), type=list[int])]
+            self._due_s = now_s + self._settle_s
         if self._begin is None:
-            self._begin = (tick, cpu_s(self._pids), now_s)
-            return None
+            if now_s >= self._due_s:
+                self._begin = (tick, cpu_s(self._pids), time.monotonic())
+            return False
         begin_tick, begin_cpu_s, begin_s = self._begin
-        if now_s - begin_s < self._window_s or tick == begin_tick:
-            return None
+        if now_s - begin_s < self._window_s:
+            return False
         spent_s = cpu_s(self._pids) - begin_cpu_s
-        return Window(len(self._pids) - 1, tick - begin_tick, spent_s, now_s - begin_s)
+        robots = len(self._pids) - 1
+        self._done.append(Window(robots, tick - begin_tick, spent_s, now_s - begin_s))
+        self._begin, self._due_s = None, now_s + self._settle_s
+        self.number += 1
+        if self.number == self._windows:
+            self._end.send_bytes(msgspec.msgpack.encode(self._done))
+        return self.number == self._windows
 
 
 def cpu_s(pids: list[int]) -> float:
@@ -72,9 +98,10 @@ def cpu_s(pids: list[int]) -> float:
     """
     total_ns = 0
     for pid in pids:
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # a thread that ended
-                total_ns += int((task / "schedstat").read_bytes().split()[0])
+        for thread in os.listdir(f"/proc/{pid}/task"):
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it has just ended
+                path = Path(f"/proc/{pid}/task/{thread}/schedstat")
+                total_ns += int(path.read_bytes().split()[0])
     if total_ns:
         return total_ns * 1e-9
     times = [psutil.Process(pid).cpu_times() for pid in pids]
@@ -82,7 +109,7 @@ def cpu_s(pids: list[int]) -> float:
 
 
 class Children:
-    """Children that are gone when the `with` is left, also by Ctrl-C.
+    """Children, and a folder for their logs, that are gone when the `with` is left.
 
     Should this process be killed, each child notices it by itself (swarm.lifetime).
     """
@@ -91,44 +118,50 @@ class Children:
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(supervisor.PRELOAD)
         self._children: list[ForkServerProcess] = []
-        self._results, self._sender = self._context.Pipe(duplex=False)
+        self._end, self.child_end = self._context.Pipe()
+        self._folder = tempfile.TemporaryDirectory(prefix="swarm-bench-")
+        self.folder = Path(self._folder.name)
 
     def __enter__(self) -> Children:
         return self
 
-    def start(self, name: str, main: Callable[..., object], *arguments: object) -> int:
-        """Start one; gives its pid. A Connection is passed on as it is."""
+    def log(self, name: str) -> Path:
+        """Where a child is to write what it has to say."""
+        return self.folder / f"{name}.log"
+
+    def start(self, name: str, main: Callable[..., object], *arguments: object) -> None:
+        """Start one; the Connection of `child_end` may be among the arguments."""
         child = self._context.Process(target=main, args=arguments, name=name)
         self._children.append(child)
         with supervisor._without_main():
             child.start()
-        assert child.pid is not None
-        return child.pid
 
-    @property
-    def sender(self) -> Connection:
-        """End of the pipe that the measuring child sends its Window into."""
-        return self._sender
+    def windows(self) -> tuple[Window, ...]:
+        """What the child with the meter has sent.
 
-    def window(self) -> Window:
-        """What the measuring child, the one started last, has sent.
-
-        Raises SwarmError when it ends without, or takes too long.
+        Raises SwarmError when any child ends before, or all of it takes too long.
         """
-        self._sender.close()  # only the child's end is left: its death is an end of file
-        measuring = self._children[-1]
+        pids = [child.pid for child in self._children]
+        self._end.send_bytes(msgspec.msgpack.encode(pids))
+        sentinels = {child.sentinel: child for child in self._children}
+        ready = connection.wait([self._end, *sentinels], RESULT_S)
+        if self._end in ready:
+            return _decoder.decode(self._end.recv_bytes())
+        if not ready:
+            raise errors.SwarmError(f"bench: expected figures within {RESULT_S:g} s, got none")
+        child = next(child for sentinel, child in sentinels.items() if sentinel in ready)
+        child.join()
+        raise errors.SwarmError(
+            f"bench: expected all processes to last, got {child.name} that ended with exit code "
+            f"{child.exitcode}{self._last_words(child.name)}"
+        )
+
+    def _last_words(self, name: str) -> str:
         try:
-            if not self._results.poll(RESULT_S):
-                raise errors.SwarmError(
-                    f"bench: expected a figure of {measuring.name} within {RESULT_S:g} s, got none"
-                )
-            return _decoder.decode(self._results.recv_bytes())
-        except EOFError:
-            measuring.join(END_S)
-            raise errors.SwarmError(
-                f"bench: expected a figure of {measuring.name}, got its end with exit code "
-                f"{measuring.exitcode}"
-            ) from None
+            lines = self.log(name).read_text(errors="replace").split("\n")
+        except OSError:
+            return ""
+        return next((f": {line}" for line in reversed(lines) if line), "")
 
     def __exit__(
         self,
@@ -148,10 +181,6 @@ class Children:
                 if child.exitcode is None:
                     child.kill()
                     child.join()
-            self._results.close()
-            self._sender.close()
-
-
-def send(sender: Connection, window: Window) -> None:
-    """From the measuring child to the bench."""
-    sender.send_bytes(msgspec.msgpack.encode(window))
+            self._end.close()
+            self.child_end.close()
+            self._folder.cleanup()

@@ -45,13 +45,11 @@ class Rehearsal(msgspec.Struct, frozen=True, eq=False):
     moments: tuple[Moment, ...]
 
 
-def built_in(
-    name: str, *, robots: int | None = None, settings: Sequence[str] = (), recorded: bool = False
-) -> Scenario:
-    """Built-in scenario with all of the recording or none of it."""
+def built_in(name: str, *, robots: int | None = None, settings: Sequence[str] = ()) -> Scenario:
+    """Built-in scenario that records nothing by itself."""
     data = importlib.resources.files(BUILT_IN).joinpath(f"{name}.toml").read_bytes()
     plan = scenario.decode(data, f"{name}.toml", robots=robots, settings=settings)
-    return msgspec.structs.replace(plan, recording=Recording(mcap=recorded, rerun=recorded))
+    return msgspec.structs.replace(plan, recording=Recording(mcap=False, rerun=False))
 
 
 def crowd(robots: int, obstacles: int) -> Scenario:

@@ -1,9 +1,9 @@
 """What recording and showing cost: CPU of a tick with MCAP, Foxglove channels and Rerun, over
 without.
 
-    one process     all sinks on over off in memory; the dearest ratio, for nothing else is there
-    each sink       what it adds to a tick, in the same run
-    processes       the same for N + 1 processes, where messages cost too: the one with a budget
+    in memory       one process; the dearest ratio, for no message costs anything there
+    of it           what each sink adds, on the thread of the world
+    as processes    N + 1 processes over Zenoh: the one with a budget
 """
 
 from __future__ import annotations
@@ -11,48 +11,29 @@ from __future__ import annotations
 import gc
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
-import tomli_w
 
-from dashboards import foxglove, live
-from swarm import recording, scenario
-from swarm.messages import TickRecord
 from swarm.run import lockstep
-from swarm.run.bench import barrier, figures, rehearsal
+from swarm.run.bench import figures, rehearsal, system
 from swarm.run.bench.figures import Row
-from swarm.scenario import Scenario
-from world import conductor, scene
 
-SIZES = (6, 100)
-TICKS = (200, 40)  # of each size
+SIZES = ((6, 200), (100, 40))  # robots, ticks in memory
+TINY_SIZES = ((2, 30),)
 ROUNDS = 3
-PROCESS_SIZE = 100
-PROCESS_ROUNDS = 2
-WINDOW_S = 2.0
-ON_OVER_OFF_MAX = 1.15  # at 100 robots, as processes
-
-
-class Sink:
-    """An observer with the CPU of this thread that it took."""
-
-    def __init__(self, name: str, observe: conductor.Observer, close: Callable[[], object]) -> None:
-        self.name = name
-        self.close = close
-        self.spent_s = 0.0
-        self._observe = observe
-
-    def look(self, record: TickRecord) -> None:
-        """Pass one tick on."""
-        begin_s = time.thread_time()
-        self._observe(record)
-        self.spent_s += time.thread_time() - begin_s
+PROCESSES = 100
+TINY_PROCESSES = 2
+TURNS = 3  # windows without and with, in one launch
+WINDOW_S = 1.0
+SETTLE_S = 0.5  # as long as a flush of either sink may wait
+TINY_WINDOW_S = 0.1
+ON_OVER_OFF_MAX = 1.15  # design budget, at 100 robots as processes
 
 
 class Tick(msgspec.Struct, frozen=True):
-    """CPU of one tick."""
+    """CPU of one tick, mean."""
 
     all_us: float  # of all threads
     sinks_us: dict[str, float]  # of each sink, on the world's own thread
@@ -61,63 +42,43 @@ class Tick(msgspec.Struct, frozen=True):
 def measure(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
     """Rows of every N in memory, then of processes."""
     rows: list[Row] = []
-    for size, ticks in ((2, 30),) if tiny else zip(SIZES, TICKS, strict=True):
+    for robots, ticks in TINY_SIZES if tiny else SIZES:
         on, off = [], []
         for number in range(1 if tiny else ROUNDS):
-            progress(f"telemetry: {size} robots in memory, round {number + 1}")
-            off.append(tick_cpu(size, ticks, recorded=False))
-            on.append(tick_cpu(size, ticks, recorded=True))
-        off_us = [one.all_us for one in off]
+            progress(f"telemetry: {robots} robots in memory, round {number + 1}")
+            off.append(tick_in_memory(robots, ticks, recorded=False))
+            on.append(tick_in_memory(robots, ticks, recorded=True))
+        without = [one.all_us for one in off]
         rows.append(
             figures.row(
                 "telemetry: tick in memory",
-                size,
+                robots,
                 [one.all_us for one in on],
                 "us",
-                floors=off_us,
+                floors=without,
                 over="without",
             )
         )
         rows += [
             figures.row(
                 f"telemetry: of it {name}",
-                size,
+                robots,
                 [one.sinks_us[name] for one in on],
                 "us",
-                floors=off_us,
+                floors=without,
                 over="tick without",
             )
             for name in on[0].sinks_us
         ]
-    return (*rows, _of_processes(tiny=tiny, progress=progress))
+    return (*rows, _as_processes(tiny=tiny, progress=progress))
 
 
-def _of_processes(*, tiny: bool, progress: Callable[[str], None]) -> Row:
-    size, rounds, window_s = (2, 1, 0.3) if tiny else (PROCESS_SIZE, PROCESS_ROUNDS, WINDOW_S)
-    on, off = [], []
-    for number in range(rounds):
-        progress(f"telemetry: {size} robots as processes, round {number + 1} of {rounds}")
-        off.append(size * barrier.whole_system(size, window_s, recorded=False).cpu_us)
-        on.append(size * barrier.whole_system(size, window_s, recorded=True).cpu_us)
-    return figures.row(
-        "telemetry: tick of processes",
-        size,
-        on,
-        "us",
-        floors=off,
-        over="without",
-        budget=ON_OVER_OFF_MAX,
-        bound="ratio <=",
-    )
-
-
-def tick_cpu(size: int, ticks: int, *, recorded: bool) -> Tick:
-    """Mean over a short run in memory, opening and closing of the sinks left out."""
-    plan = rehearsal.built_in(
-        barrier.SCENARIO, robots=size, settings=[f"duration_s={0.08 * ticks}"]
-    )
+def tick_in_memory(robots: int, ticks: int, *, recorded: bool) -> Tick:
+    """Mean over a short run, opening and closing of the sinks left out."""
+    settings = [f"duration_s={rehearsal.DT_S * ticks}"]
+    plan = rehearsal.built_in(system.SCENARIO, robots=robots, settings=settings)
     with tempfile.TemporaryDirectory() as folder:
-        sinks = open_sinks(plan, Path(folder)) if recorded else []
+        sinks = system.open_sinks(plan, Path(folder)) if recorded else []
         gc.collect()
         try:
             begin_s = time.process_time()
@@ -126,20 +87,24 @@ def tick_cpu(size: int, ticks: int, *, recorded: bool) -> Tick:
         finally:
             for sink in sinks:
                 sink.close()
-    rate = 1e6 / (run.score.tick + 1)
+    rate = 1e6 / (run.score.tick + 1)  # s in all -> us per tick
     return Tick(rate * spent_s, {sink.name: rate * sink.spent_s for sink in sinks})
 
 
-def open_sinks(plan: Scenario, folder: Path) -> Sequence[Sink]:
-    """All that a run writes, as the world's process opens it."""
-    obstacles = scene.obstacles(plan)
-    writer = recording.Writer(
-        folder,
-        tomli_w.dumps(scenario.to_builtins(plan)).encode(),
-        {},
-        foxglove.channels(plan, obstacles),
-        flush_ticks=plan.recording.flush_ticks,
-        flush_s=plan.recording.flush_s,
+def _as_processes(*, tiny: bool, progress: Callable[[str], None]) -> Row:
+    robots = TINY_PROCESSES if tiny else PROCESSES
+    progress(f"telemetry: {robots} robots as processes")
+    if tiny:
+        turns = system.measure(robots, turns=1, window_s=TINY_WINDOW_S, settle_s=0.0)
+    else:
+        turns = system.measure(robots, turns=TURNS, window_s=WINDOW_S, settle_s=SETTLE_S)
+    return figures.row(
+        "telemetry: tick as processes",
+        robots,
+        [robots * one.cpu_us for one in turns.recorded],
+        "us",
+        floors=[robots * one.cpu_us for one in turns.plain],
+        over="without",
+        budget=ON_OVER_OFF_MAX,
+        bound="ratio <=",
     )
-    viewer = live.Live(plan, obstacles, "bench", folder / "run.rrd", None)
-    return [Sink("MCAP", writer.write, writer.close), Sink("Rerun", viewer.observe, viewer.close)]

@@ -1,0 +1,110 @@
+r"""All that is told of each tick; what fails of it is said once, and the run goes on.
+
+TickRecord --> recording.Writer --> run.mcap
+\-> live.Live         --> run.rrd, viewers that connect
+\-> bridge.Bridge     --> Foxglove clients that connect
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from dashboards import bridge, foxglove, live
+from swarm import metrics, recording, runs
+from swarm.bus import Bus
+from swarm.messages import EVENT, Event, TickRecord
+from swarm.scenario import Scenario
+from world import scene
+
+RECORDED_VERSIONS = ("msam-swarm", "eclipse-zenoh", "msgspec", "numpy", "mcap", "rerun-sdk")
+
+Observer = Callable[[TickRecord], None]
+
+
+class Watchers:
+    """Everyone who is told of the ticks of one run."""
+
+    def __init__(self, bus: Bus, plan: Scenario) -> None:
+        self._bus = bus
+        self._plan = plan
+        self._writer: recording.Writer | None = None
+        self._viewer: live.Live | None = None
+        self._observers: list[Observer] = []
+        self._closers: list[Callable[[], object]] = []
+        self._said: set[str] = set()
+        self._last: TickRecord | None = None
+
+    def open(
+        self,
+        scenario_toml: bytes,
+        folder: Path,
+        serve_port: int | None,
+        foxglove_port: int | None,
+    ) -> None:
+        """Open what the scenario and the command line ask for; may raise RecordingError."""
+        plan, run = self._plan, self._bus.run
+        obstacles = scene.obstacles(plan)
+        if plan.recording.mcap:
+            self._writer = recording.Writer(
+                folder / runs.MCAP,
+                scenario_toml,
+                _metadata(run, plan),
+                foxglove.channels(plan, obstacles),
+                flush_ticks=plan.recording.flush_ticks,
+                flush_s=plan.recording.flush_s,
+            )
+            self._add(self._writer.write, self._writer.close)
+        if plan.recording.rerun or serve_port is not None:
+            rrd = folder / runs.RRD if plan.recording.rerun else None
+            self._viewer = live.Live(plan, obstacles, run, rrd, serve_port)
+            self._add(self._viewer.observe, self._viewer.close)
+        if foxglove_port is not None:
+            served = bridge.Bridge(run, foxglove.channels(plan, obstacles), foxglove_port)
+            self._add(served.observe, served.close)
+
+    def _add(self, observe: Observer, close: Callable[[], object]) -> None:
+        self._observers.append(observe)
+        self._closers.append(close)
+
+    def observe(self, record: TickRecord) -> None:
+        """Tell all of one tick."""
+        self._last = record
+        for observe in self._observers:
+            observe(record)
+        self._say_failures()
+
+    def close(self) -> None:
+        """Complete all files."""
+        for close in self._closers:
+            close()
+        self._say_failures()
+        if self._writer is not None and self._writer.lost_ticks is not None:
+            self._say(f"{self._writer.path}: lost of ticks {self._writer.lost_ticks}")
+
+    def kept(self) -> metrics.RecordingRow | None:
+        """Account of the recording, None when there is none."""
+        if self._writer is None:
+            return None
+        count = self._writer.counts.total
+        return metrics.RecordingRow(expected=count.expected, written=count.written, lost=count.lost)
+
+    def _say_failures(self) -> None:
+        for source in (self._writer, self._viewer):
+            if source is not None and source.failure is not None:
+                self._say(source.failure)
+
+    def _say(self, text: str) -> None:
+        if text in self._said:
+            return
+        self._said.add(text)
+        print(f"swarm-world: recording: {text}", file=sys.stderr, flush=True)
+        tick, stamp_ns = (self._last.tick, self._last.stamp_ns) if self._last else (0, 0)
+        self._bus.publish(EVENT, Event(tick, stamp_ns, "recording", None, text))
+
+
+def _metadata(run: str, plan: Scenario) -> dict[str, str]:
+    versions = {name: importlib.metadata.version(name) for name in RECORDED_VERSIONS}
+    return {"run": run, "title": plan.title, "seed": str(plan.seed), **versions}
