@@ -83,7 +83,9 @@ class RobotShell:
         self._bus = bus
         self._setup = setup
         self._state = robot.init(setup, incarnation)
+        self._incarnation = incarnation
         self._tick = -1
+        self._world_left = False
         robot.step(setup, self._state, _warm_up_frame(setup))  # first calls are slow ones
         bus.subscribe(FRAME, setup.robot.name, newest=setup.clock.mode == "realtime")
         bus.announce("robot", setup.robot.name)  # last: who sees it may send frames
@@ -97,7 +99,9 @@ class RobotShell:
             delivery = self._bus.receive(POLL_S)
             if delivery is not None:
                 self._answer(delivery.message)
-            elif absence.lasts(time.monotonic()):
+                continue
+            self._world_left |= all(role != "world" for role, _ in self._bus.alive())
+            if absence.lasts(time.monotonic()):
                 stop.request("world and supervisor are gone")
 
     def work(self) -> None:
@@ -106,11 +110,20 @@ class RobotShell:
             self._answer(delivery.message)
 
     def _answer(self, frame: SensorFrame) -> None:
+        if frame.tick == 0 and self._world_left:
+            self._begin_again()
         if frame.tick <= self._tick:
             return  # duplicated or out of order
         self._tick = frame.tick
         self._state, command = robot.step(self._setup, self._state, frame)
         self._bus.publish(COMMAND, command, command.robot)
+
+    def _begin_again(self) -> None:
+        """Another world has taken the place of the one that ended, perhaps with other plans."""
+        self._setup = ask_setup(self._bus, self._setup.robot.name)
+        self._state = robot.init(self._setup, self._incarnation)
+        self._tick = -1
+        self._world_left = False
 
 
 def _warm_up_frame(setup: RobotSetup) -> SensorFrame:

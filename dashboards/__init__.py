@@ -1,1 +1,13 @@
-"""Watching: tick records -> Rerun (live and .rrd) and Foxglove channels for the MCAP."""
+"""Watching: tick records -> Rerun (live and .rrd) and Foxglove channels for the MCAP.
+
+TickRecord -> snapshot -> foxglove -> channels for swarm.recording
+                 '------> views ----> live -> run.rrd, gRPC server <- viewers
+              stage, blueprint ---------^
+
+snapshot    what every picture needs of a tick, as arrays
+foxglove    the channels that Foxglove and Rerun draw from the MCAP by themselves
+stage       what does not change: scene, colours, names
+views       the table of converters, ticks -> columns
+blueprint   what a viewer shows at first
+live        file and server, and how to start a viewer
+"""

@@ -26,8 +26,8 @@ from swarm.scenario import Obstacle, Scenario
 FRAME = "world"
 OBSTACLES_TICKS = 25  # they stand still; a viewer that jumps into the run finds them soon
 OUTLINE_STEP_M = 0.1  # between points of an obstacle's outline
-BODY_POINTS = 16  # of a body's rim
-NOSE_POINTS = 5  # from its centre to the rim
+BODY_POINTS = (16, 8)  # of a body's rim in a small and in a large swarm
+NOSE_POINTS = (5, 2)  # from its centre to the rim
 RISE_M = 0.05  # bodies above scans above obstacles, when seen from above
 
 Bytes = npt.NDArray[np.uint8]
@@ -181,8 +181,9 @@ def _varint(number: int) -> bytes:
 
 def _bodies(scenario: Scenario) -> Callable[[Floats], Cloud]:
     """Rim and nose of every robot as points in its colour, (robots * points, 4)."""
-    rim = np.array([geometry.unit(angle) for angle in geometry.sector_centres(BODY_POINTS)])
-    nose = np.column_stack([np.linspace(0.0, 1.0, NOSE_POINTS), np.zeros(NOSE_POINTS)])
+    large = len(scenario.robots) > snapshot.DETAIL_ROBOTS
+    rim = _ring(BODY_POINTS[large])
+    nose = np.linspace((0.0, 0.0), (1.0, 0.0), NOSE_POINTS[large])
     radii_m = np.array([robot.body_radius_m for robot in scenario.robots])
     ahead, left = np.moveaxis(radii_m[:, None, None] * np.concatenate([rim, nose]), 2, 0)
     template = np.empty((*ahead.shape, 4), "<f4")
@@ -206,8 +207,7 @@ def _outlines(obstacles: Sequence[Obstacle]) -> Cloud:
         if obstacle.circle is not None:
             x, y, radius_m = obstacle.circle
             count = max(8, ceil(geometry.TAU * radius_m / OUTLINE_STEP_M))
-            rim = np.array([geometry.unit(angle) for angle in geometry.sector_centres(count)])
-            pieces.append(np.array([x, y]) + radius_m * rim)
+            pieces.append(np.array([x, y]) + radius_m * _ring(count))
         else:
             corners = np.array(obstacle.polygon)
             for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -215,6 +215,11 @@ def _outlines(obstacles: Sequence[Obstacle]) -> Cloud:
                 along = np.linspace(0.0, 1.0, max(2, ceil(length_m / OUTLINE_STEP_M)))
                 pieces.append(start + along[:, None] * (end - start))
     return _points(np.concatenate(pieces), stage.OBSTACLE_EDGE, 0.0)
+
+
+def _ring(count: int) -> Floats:
+    """(count, 2) unit vectors."""
+    return np.array([geometry.unit(angle_rad) for angle_rad in geometry.sector_centres(count)])
 
 
 def _points(positions: Floats, colour: int, height_m: float) -> Cloud:

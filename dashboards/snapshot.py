@@ -30,7 +30,7 @@ def detail_ticks(robots: int) -> int:
 
 def scan_ticks(robots: int) -> int:
     """Every how many ticks the scans are drawn."""
-    return SCAN_TICKS * detail_ticks(robots)
+    return max(SCAN_TICKS, detail_ticks(robots))
 
 
 def _remembered(function: Callable[[TickRecord], Floats]) -> Callable[[TickRecord], Floats]:

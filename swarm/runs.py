@@ -34,6 +34,7 @@ class Card(msgspec.Struct, frozen=True):
     started_s: float  # creation time of the process, so that a pid used again is recognised
     endpoint: str
     folder: str
+    tls: str = ""  # folder of certificates, empty when the bus is not encrypted
 
 
 def new_folder(out: Path | None, scenario: str) -> Path:
@@ -123,10 +124,13 @@ def posted(card: Card, folder: Path | None):  # type: ignore[no-untyped-def]
                 place.unlink(missing_ok=True)
 
 
-def card_of(run: str, scenario: str, endpoint: str, folder: Path | None) -> Card:
+def card_of(
+    run: str, scenario: str, endpoint: str, folder: Path | None, tls: Path | None = None
+) -> Card:
     """Card of this process."""
     started_s = psutil.Process().create_time()
-    return Card(run, scenario, os.getpid(), started_s, endpoint, str(folder or ""))
+    certificates = str(tls.absolute()) if tls is not None else ""
+    return Card(run, scenario, os.getpid(), started_s, endpoint, str(folder or ""), certificates)
 
 
 def running() -> list[Card]:

@@ -561,11 +561,9 @@ def _convert(raw: Any, type_: type[T], where: str, inside: str = "") -> T:
         text, path = match["text"], (match["path"] or "$").removeprefix("$").lstrip(".")
         found = _found(raw, path)
         full = ".".join(part for part in (inside, path) if part) or "the whole file"
-        text = text[0].lower() + text[1:]
-        got = "" if "got" in text or found is None else f", got {found}"
-        raise errors.ScenarioError(
-            f"{where}: {full}: {_expected(text, type_, path)}{got}"
-        ) from error
+        text = _expected(text[0].lower() + text[1:], type_, path)
+        got = "" if ", got" in text or found is None else f", got {found}"
+        raise errors.ScenarioError(f"{where}: {full}: {text}{got}") from error
 
 
 def _expected(text: str, type_: Any, path: str) -> str:

@@ -10,7 +10,7 @@ import msgspec
 
 from swarm import errors, lifetime, metrics, runs, scenario, zenoh_bus
 from swarm.bus import Bus
-from swarm.messages import Status
+from swarm.messages import Status, TickRecord
 from world import conductor
 
 PORT_TAKEN = 75  # exit code, EX_TEMPFAIL: the supervisor tries another port
@@ -93,9 +93,12 @@ def record_run(
 
     watchers = Watchers(bus, plan)
     watchers.open(scenario_toml, folder, serve_port, foxglove_port)
+    observers = [watchers.observe]
+    if bus_name != "memory":  # for the world's log, or for who started it by hand
+        observers.append(_say_events)
     try:
         run = conductor.conduct(
-            bus, plan, [watchers.observe], stop, supervised=supervised, on_status=on_status
+            bus, plan, observers, stop, supervised=supervised, on_status=on_status
         )
     finally:
         watchers.close()
@@ -114,3 +117,10 @@ def record_run(
     except OSError as error:
         print(f"swarm-world: {runs.SUMMARY}: {error.strerror}", file=sys.stderr, flush=True)
     return summary
+
+
+def _say_events(record: TickRecord) -> None:
+    for event in record.events:
+        who = f" {event.robot}" if event.robot else ""
+        text = f"swarm-world: tick {event.tick}: {event.kind}{who}: {event.text}"
+        print(text, file=sys.stderr, flush=True)

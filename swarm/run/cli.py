@@ -399,7 +399,11 @@ def _pick(run_id: str | None) -> runs.Card:
 
 def _ask(card: runs.Card, action: Literal["status", "stop"]) -> messages.Status:
     with_bus = zenoh_bus.open_client(
-        card.run, card.endpoint, name="supervisor", connect_timeout_s=ASK_TIMEOUT_S
+        card.run,
+        card.endpoint,
+        name="supervisor",
+        tls=Path(card.tls) if card.tls else None,
+        connect_timeout_s=ASK_TIMEOUT_S,
     )
     try:
         reply = with_bus.ask(messages.CONTROL, messages.ControlRequest(action), ASK_TIMEOUT_S)
@@ -423,7 +427,7 @@ def status(run_id: RunId = None, as_json: Json = False) -> None:
     for card in cards:
         try:
             rows.append((card, _ask(card, "status")))
-        except errors.BusError as error:
+        except errors.SwarmError as error:
             front.say(f"swarm: {card.run}: {error}")
     if as_json:
         _print_json({"runs": [{"card": card, "status": answer} for card, answer in rows]})
@@ -556,7 +560,7 @@ def world_(
         external_router=router is not None,
         tls=tls,
     )
-    with runs.posted(runs.card_of(run_id, name, endpoint, folder), folder):
+    with runs.posted(runs.card_of(run_id, name, endpoint, folder, tls), folder):
         code = world.process.main(arguments)
     if code != 0:
         raise typer.Exit(1)
@@ -580,6 +584,8 @@ def robot_(
     if run_id is None:
         card = _pick(None)
         run_id, connect = card.run, card.endpoint
+        if tls is None and card.tls:
+            tls = Path(card.tls)
     arguments = agents.process.Arguments(
         run=run_id, endpoint=connect, name=name, incarnation=incarnation, tls=tls
     )

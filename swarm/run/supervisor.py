@@ -125,7 +125,9 @@ class _Supervisor:
             )
             bus, endpoint = self._launch(ports)
             if bus is not None:
-                card = runs.card_of(self._run, self._plan.name, endpoint, self._plan.folder)
+                card = runs.card_of(
+                    self._run, self._plan.name, endpoint, self._plan.folder, self._plan.tls
+                )
                 with runs.posted(card, self._plan.folder):
                     self._watcher.started(card, self._open_viewers(ports))
                     self._watch(bus)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -38,6 +39,12 @@ def free_port() -> int:
         probe.bind((live.HOST, 0))
         port: int = probe.getsockname()[1]
         return port
+
+
+def connect_again_and_again(port: int, *, for_s: float) -> None:
+    end_s = time.monotonic() + for_s
+    while time.monotonic() < end_s:
+        socket.create_connection((live.HOST, port), timeout=for_s).close()
 
 
 def test_file_is_complete_and_holds_every_tick(
@@ -129,7 +136,9 @@ def test_server_listens_on_loopback_only_and_is_gone_after_close(
     assert listening == {live.HOST}
     viewer.close()
     assert viewer.failure is None
-    viewer.close()
+    viewer.close()  # again, to no effect
+    with pytest.raises(ConnectionRefusedError):
+        connect_again_and_again(port, for_s=10.0)
 
 
 def test_failure_names_a_port_that_is_taken(

@@ -49,16 +49,21 @@ def world(start: Start, endpoint: str, *arguments: str) -> subprocess.Popen[str]
     return start(*command, *files.UNRECORDED, *arguments)
 
 
-def test_world_succeeds_when_its_robots_come_by_hand_before_and_after_it(
+def succeeds(a_world: subprocess.Popen[str]) -> None:
+    said, problems = a_world.communicate(timeout=FINISH_S)
+    assert a_world.returncode == 0, problems
+    assert "empty: succeeded" in said
+    assert "2 of 2 arrived" in said
+
+
+def test_worlds_succeed_when_their_robots_come_by_hand_before_and_after_them(
     start: Start, endpoint: str
 ) -> None:
     early = robot(start, "robot1", endpoint)
     a_world = world(start, endpoint, *ONE_SECOND)
     late = robot(start, "robot2", endpoint)
-    said, problems = a_world.communicate(timeout=FINISH_S)
-    assert a_world.returncode == 0, problems
-    assert "empty: succeeded" in said
-    assert "2 of 2 arrived" in said
+    succeeds(a_world)
+    succeeds(world(start, endpoint, *ONE_SECOND))  # the robots have stayed and begin again
     for one in (early, late):
         one.terminate()
         _, problems = one.communicate(timeout=FINISH_S)
@@ -73,6 +78,7 @@ def test_world_fails_and_names_the_robot_that_does_not_come(start: Start, endpoi
     assert "expected succeeded, got failed" in problems
     outcome = {words[0]: words[1] for words in map(str.split, said.splitlines()) if words[1:]}
     assert (outcome["robot1"], outcome["robot2"]) == ("arrived", "failed")
+    assert "robot-missing robot2" in problems
 
 
 def test_world_and_robots_meet_over_tls_by_the_name_of_the_host(

@@ -6,7 +6,7 @@ from math import cos, inf, pi, sin, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from swarm.geometry import Pose, Ranges, sector_centres, wrap_angle
@@ -81,6 +81,7 @@ def test_cast_agrees_with_sphere_tracing_among_circles_and_bodies(
         assert range_m >= thick_m - 1e-4 or thick_m > RANGE_M
 
 
+@settings(suppress_health_check=[HealthCheck.filter_too_much])
 @given(st.lists(triangles, min_size=1, max_size=3), yaws)
 def test_cast_agrees_with_sphere_tracing_among_polygons(
     outlines: list[Corners], yaw_rad: float

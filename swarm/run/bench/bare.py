@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -113,7 +112,6 @@ def robot(barrier: Barrier, row: int) -> None:
 def _adopt(name: str, barrier: Barrier) -> None:
     log = barrier.folder / f"{name}.log"
     lifetime.adopt(name, log, lifetime.Stop(), barrier.bench_pid)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing here looks at the Stop
 
 
 def _config(mode: str) -> zenoh.Config:

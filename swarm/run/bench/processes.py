@@ -53,13 +53,21 @@ _decoder = msgspec.msgpack.Decoder(tuple[Window, ...])
 class Meter:
     """Windows over ticks and CPU, in the process that has the ticks."""
 
-    def __init__(self, end: Connection, windows: int, window_s: float, settle_s: float) -> None:
-        """`settle_s` is left out before each window: `number` changes what goes on there."""
+    def __init__(
+        self,
+        end: Connection,
+        windows: int,
+        window_s: float,
+        settle_s: float,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`settle_s` is left out before each window, where what `number` decides has changed."""
         self.number = 0  # of the window at hand, or being settled for
         self._end = end
         self._windows = windows
         self._window_s = window_s
         self._settle_s = settle_s
+        self._now = now
         self._pids: list[int] = []
         self._due_s = 0.0
         self._begin: tuple[int, float, float] | None = None
@@ -69,13 +77,13 @@ class Meter:
         """Once after every tick; True from the last window's end on, which has been sent then."""
         if tick < WARM_UP_TICKS or self.number == self._windows:
             return self.number == self._windows
-        now_s = time.monotonic()
+        now_s = self._now()
         if not self._pids:
-            self._pids = [*msgspec.msgpack.decode(self._end.recv_bytes(), type=list[int])]
+            self._pids = msgspec.msgpack.decode(self._end.recv_bytes(), type=list[int])
             self._due_s = now_s + self._settle_s
         if self._begin is None:
             if now_s >= self._due_s:
-                self._begin = (tick, cpu_s(self._pids), time.monotonic())
+                self._begin = (tick, cpu_s(self._pids), self._now())
             return False
         begin_tick, begin_cpu_s, begin_s = self._begin
         if now_s - begin_s < self._window_s:

@@ -10,8 +10,6 @@ supervisor is left out: it sleeps, and wakes ten times a second.
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -19,14 +17,14 @@ import msgspec
 import tomli_w
 
 import agents.process
-from dashboards import foxglove, live
-from swarm import lifetime, recording, runs, scenario, zenoh_bus
+from swarm import lifetime, runs, scenario, zenoh_bus
 from swarm.messages import TickRecord
 from swarm.run import supervisor
 from swarm.run.bench import processes, rehearsal
 from swarm.run.bench.processes import Window
-from swarm.scenario import Scenario
-from world import conductor, scene
+from swarm.scenario import Recording
+from world import conductor
+from world.watchers import Watchers
 
 SCENARIO = "empty"
 LONG = "duration_s=1e6"  # the windows end it
@@ -54,7 +52,8 @@ class Turns(msgspec.Struct, frozen=True):
 
 def measure(robots: int, *, turns: int, window_s: float, settle_s: float) -> Turns:
     """Launch, let windows without and with recording take turns, end."""
-    plan = rehearsal.built_in(SCENARIO, robots=robots, settings=[LONG])
+    quiet = rehearsal.built_in(SCENARIO, robots=robots, settings=[LONG])
+    plan = msgspec.structs.replace(quiet, recording=Recording())
     endpoint = f"tcp/127.0.0.1:{supervisor._free_port()}"
     with processes.Children() as children:
         system = System(
@@ -87,49 +86,17 @@ def world(system: System, end: Connection) -> None:
     plan = scenario.decode(system.scenario_toml, runs.SCENARIO)
     meter = processes.Meter(end, 2 * system.turns, system.window_s, system.settle_s)
     bus = zenoh_bus.open_router(RUN, system.endpoint)
-    sinks = open_sinks(plan, system.folder)
+    watchers = Watchers(bus, plan)
+    watchers.open(system.scenario_toml, system.folder, None, None)
 
     def gate(record: TickRecord) -> None:
         if meter.number % 2:
-            for sink in sinks:
-                sink.look(record)
+            watchers.observe(record)
         if meter.look(record.tick):
             stop.request("measured")
 
     try:
         conductor.conduct(bus, plan, [gate], stop)
     finally:
-        for sink in sinks:
-            sink.close()
+        watchers.close()
         bus.close()
-
-
-class Sink:
-    """One way of recording, with the CPU that it takes on the thread of the world."""
-
-    def __init__(self, name: str, observe: conductor.Observer, close: Callable[[], object]) -> None:
-        self.name = name
-        self.close = close
-        self.spent_s = 0.0
-        self._observe = observe
-
-    def look(self, record: TickRecord) -> None:
-        """Pass one tick on."""
-        begin_s = time.thread_time()
-        self._observe(record)
-        self.spent_s += time.thread_time() - begin_s
-
-
-def open_sinks(plan: Scenario, folder: Path) -> Sequence[Sink]:
-    """All that a run writes, as the world's process opens it: MCAP with Foxglove's channels, Rerun."""
-    obstacles = scene.obstacles(plan)
-    writer = recording.Writer(
-        folder / runs.MCAP,
-        tomli_w.dumps(scenario.to_builtins(plan)).encode(),
-        {},
-        foxglove.channels(plan, obstacles),
-        flush_ticks=plan.recording.flush_ticks,
-        flush_s=plan.recording.flush_s,
-    )
-    viewer = live.Live(plan, obstacles, RUN, folder / runs.RRD, None)
-    return [Sink("MCAP", writer.write, writer.close), Sink("Rerun", viewer.observe, viewer.close)]

@@ -15,11 +15,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
+import tomli_w
 
+from swarm.bus import Hub, MemoryBus
+from swarm.messages import TickRecord
 from swarm.run import lockstep
 from swarm.run.bench import figures, rehearsal, system
 from swarm.run.bench.figures import Row
+from swarm.scenario import Recording, Scenario, to_builtins
+from world.watchers import Watchers
 
+SINKS = {
+    "MCAP": Recording(mcap=True, rerun=False),
+    "Rerun": Recording(mcap=False, rerun=True),
+}
 SIZES = ((6, 200), (100, 40))  # robots, ticks in memory
 TINY_SIZES = ((2, 30),)
 ROUNDS = 3
@@ -78,17 +87,35 @@ def tick_in_memory(robots: int, ticks: int, *, recorded: bool) -> Tick:
     settings = [f"duration_s={rehearsal.DT_S * ticks}"]
     plan = rehearsal.built_in(system.SCENARIO, robots=robots, settings=settings)
     with tempfile.TemporaryDirectory() as folder:
-        sinks = system.open_sinks(plan, Path(folder)) if recorded else []
+        sinks = [Sink(name, plan, Path(folder)) for name in SINKS] if recorded else []
         gc.collect()
         try:
             begin_s = time.process_time()
-            run = lockstep.run(plan, [sink.look for sink in sinks])
+            run = lockstep.run(plan, [sink.observe for sink in sinks])
             spent_s = time.process_time() - begin_s
         finally:
             for sink in sinks:
                 sink.close()
     rate = 1e6 / (run.score.tick + 1)  # s in all -> us per tick
     return Tick(rate * spent_s, {sink.name: rate * sink.spent_s for sink in sinks})
+
+
+class Sink:
+    """One way of recording, as a world opens it, with the CPU that it takes on this thread."""
+
+    def __init__(self, name: str, plan: Scenario, folder: Path) -> None:
+        self.name = name
+        self.spent_s = 0.0
+        only = msgspec.structs.replace(plan, recording=SINKS[name])
+        self._watchers = Watchers(MemoryBus(Hub(), system.RUN), only)
+        self._watchers.open(tomli_w.dumps(to_builtins(only)).encode(), folder, None, None)
+        self.close = self._watchers.close
+
+    def observe(self, record: TickRecord) -> None:
+        """Pass one tick on."""
+        begin_s = time.thread_time()
+        self._watchers.observe(record)
+        self.spent_s += time.thread_time() - begin_s
 
 
 def _as_processes(*, tiny: bool, progress: Callable[[str], None]) -> Row:
