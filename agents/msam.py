@@ -115,14 +115,17 @@ def peer_beams(
             half = atan2(reach_m, beyond_m) / directions.beam_rad
         middle = peer.bearing_rad / directions.beam_rad + (beams - 1) / 2.0
         first = ceil(middle - half)
+        stop = min(floor(middle + half), first + beams - 1) + 1
         near_m, far_m, reach2_m2 = distance_m - reach_m, distance_m + reach_m, reach_m * reach_m
-        for index in range(first, min(floor(middle + half), first + beams - 1) + 1):
-            beam = index % beams
-            range_m = beams_m[beam]
+        if 0 <= first and stop <= beams:
+            window: Iterable[tuple[int, float]] = enumerate(beams_m[first:stop], first)
+        else:  # across the back of the robot
+            window = ((index % beams, beams_m[index % beams]) for index in range(first, stop))
+        for beam, range_m in window:
             if near_m <= range_m <= far_m:
-                unit = units[beam]
-                dx_m = range_m * unit[0] - x_m
-                dy_m = range_m * unit[1] - y_m
+                unit_x, unit_y = units[beam]
+                dx_m = range_m * unit_x - x_m
+                dy_m = range_m * unit_y - y_m
                 if dx_m * dx_m + dy_m * dy_m <= reach2_m2:
                     hidden.append(beam)
     return hidden
@@ -148,16 +151,21 @@ def linked_runs(sectors_m: list[float], rho_m: float, link_m: float) -> list[ran
     count = len(sectors_m)
     turn = cos(TAU / count)
     runs: list[range] = []
-    for index, range_m in enumerate(sectors_m):
-        if not range_m < rho_m:
-            continue
-        if runs and runs[-1].stop == index:
-            before_m = sectors_m[index - 1]
-            gap2_m2 = range_m * range_m + before_m * before_m - 2.0 * range_m * before_m * turn
-            if gap2_m2 < link_m * link_m:
-                runs[-1] = range(runs[-1].start, index + 1)
-                continue
-        runs.append(range(index, index + 1))
+    start = stop = 0  # of the run at hand
+    before_m = inf
+    for index in [index for index, range_m in enumerate(sectors_m) if range_m < rho_m]:
+        range_m = sectors_m[index]
+        if index != stop or not (
+            range_m * range_m + before_m * before_m - 2.0 * range_m * before_m * turn
+            < link_m * link_m
+        ):
+            if stop > start:
+                runs.append(range(start, stop))
+            start = index
+        stop = index + 1
+        before_m = range_m
+    if stop > start:
+        runs.append(range(start, stop))
     if len(runs) > 1 and runs[0].start == 0 and runs[-1].stop == count:
         a_m, b_m = sectors_m[-1], sectors_m[0]
         if a_m * a_m + b_m * b_m - 2.0 * a_m * b_m * turn < link_m * link_m:

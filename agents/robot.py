@@ -12,7 +12,6 @@ lock file. All that is remembered is in State.
 from __future__ import annotations
 
 import msgspec
-import numpy as np
 
 from agents import follow, formation, guard, msam, peers, pid, priority, seek, steering
 from agents.peers import Peer
@@ -102,7 +101,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         set_point=set_point,
         beacon=beacon(setup, state, frame, wish),
         trace=Trace(
-            sectors=messages.array(np.array(map.sectors_m, dtype=np.float32)),
+            sectors=messages.floats(map.sectors_m),
             arcs=map.arcs,
             forces=wish.forces,
             waypoint=wish.waypoint,
