@@ -8,6 +8,7 @@ swarm run SCENARIO            supervisor: launches, watches, reports
 
 geometry    poses, twists, angles
 messages    who says what to whom: the one table of topics
+shapes      formations by name: where followers belong
 scenario    every tunable with unit and bound
 errors      what can go wrong outside
 score       what adds up from tick to tick

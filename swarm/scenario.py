@@ -12,13 +12,13 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from math import atan2, pi
+from math import pi
 from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta
 
-from swarm import errors, geometry
+from swarm import errors, geometry, shapes
 from swarm.messages import Name, Slot
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
@@ -67,6 +67,7 @@ class Line(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     count: Annotated[int, Meta(ge=1, le=ROBOTS_MAX)]
     spacing_m: Positive = 1.5
+    goal: Point | None = None  # of robot1, for a formation that it leads
 
 
 class Obstacle(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -98,10 +99,23 @@ class RandomObstacles(_Part, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ValueError(f"expected area as [x_min, y_min, x_max, y_max], got {self.area}")
 
 
+class Place(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A slot as people write it: eq. 39's distance from the leader and bearing behind it."""
+
+    distance_m: Annotated[float, Meta(gt=0.0, le=1e6)]
+    bearing_rad: Annotated[float, Meta(ge=-pi, le=pi)]  # 0: straight behind, > 0: to its right
+
+
 class Formation(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Leader and followers, section 3.2; the slots follow from the start poses."""
+    """Leader and followers, section 3.2. Followers are the robots without a goal.
+
+    Their slots, in row order: those given, or those of a shape; else where they start.
+    """
 
     leader: Name
+    shape: shapes.Shape | None = None
+    spacing_m: Positive = 1.5  # between neighbours of a shape
+    slots: Annotated[tuple[Place, ...], Meta(max_length=ROBOTS_MAX)] = ()
     tolerance_m: Positive = 0.08  # a follower this near to its slot has arrived
     heading_gain_1ps: Positive = 0.5  # theta_F follows theta_l with this gain, rate-limited
     pacing_lag_m: NotNegative = 0.6  # the leader slows down when a follower lags by more
@@ -115,6 +129,10 @@ class Formation(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     avoid_ahead_m: NotNegative = 1.3  # FORM -> AVOID: a cell this near within +-109 degrees
     avoid_around_m: NotNegative = 0.7  # or anywhere this near
     reform_after_s: NotNegative = 0.5  # AVOID -> FORM after this long without a trigger
+
+    def __post_init__(self) -> None:
+        if self.shape is not None and self.slots:
+            raise ValueError(f"expected either shape or slots, got '{self.shape}' and slots")
 
 
 class Priority(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -337,6 +355,40 @@ class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
                         f"expected robots that do not touch at the start, got '{other.name}' and "
                         f"'{one.name}' {gap_m:.3f} m apart"
                     )
+        if self.formation is not None and (self.formation.shape or self.formation.slots):
+            self._check_slots(self.formation)
+
+    def _check_slots(self, formation: Formation) -> None:
+        """Slots for all, none on another's body, all within earshot of the leader."""
+        followers = [row for row in range(len(self.robots)) if self._follows(row)]
+        if formation.slots and len(formation.slots) < len(followers):
+            raise ValueError(
+                f"expected formation.slots for {len(followers)} followers, "
+                f"got {len(formation.slots)}"
+            )
+        places: list[tuple[Robot, float, float]] = []
+        for row, slot in enumerate(self.slots()):
+            x_m = y_m = 0.0
+            if slot is not None:
+                ahead, left = geometry.unit(slot.bearing_rad)
+                x_m, y_m = -slot.distance_m * ahead, -slot.distance_m * left
+                if slot.distance_m > self.radio.range_m:
+                    raise ValueError(
+                        f"expected the slot of '{self.robots[row].name}' within radio.range_m "
+                        f"({self.radio.range_m:g}) of its leader, got {slot.distance_m:.3f} m; "
+                        "make the formation smaller or the range larger"
+                    )
+            elif self.robots[row].name != formation.leader:
+                continue
+            robot = self.robots[row]
+            for other, other_x_m, other_y_m in places:
+                gap_m = geometry.length(x_m - other_x_m, y_m - other_y_m)
+                if gap_m <= robot.body_radius_m + other.body_radius_m:
+                    raise ValueError(
+                        f"expected slots that do not touch, got those of '{other.name}' and "
+                        f"'{robot.name}' {gap_m:.3f} m apart"
+                    )
+            places.append((robot, x_m, y_m))
 
     def tick_of(self, at_s: float) -> int:
         """Tick of a simulation time."""
@@ -353,30 +405,58 @@ class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 return number
         raise KeyError(name)
 
+    def slots(self) -> list[Slot | None]:
+        """Nominal slot of every row (eq. 39); None for who does not follow.
+
+        Where neither shape nor slots are given, exactly as the start poses have them.
+        """
+        formation = self.formation
+        result: list[Slot | None] = [None] * len(self.robots)
+        if formation is None:
+            return result
+        followers = [row for row in range(len(self.robots)) if self._follows(row)]
+        leader = self.robots[self.row(formation.leader)].start
+        shaped: tuple[Slot, ...] = ()
+        if formation.shape is not None:
+            shaped = shapes.slots(formation.shape, len(followers), formation.spacing_m)
+        for number, row in enumerate(followers):
+            if shaped:
+                result[row] = shaped[number]
+            elif formation.slots:
+                place = formation.slots[number]
+                result[row] = Slot(place.distance_m, geometry.wrap_angle(place.bearing_rad))
+            else:
+                x_m, y_m, _ = self.robots[row].start
+                result[row] = shapes.slot_at(x_m - leader[0], y_m - leader[1], leader[2])
+        return result
+
     def slot(self, row: int) -> Slot | None:
-        """Nominal slot of a follower (eq. 39), exactly as the start poses have it; else None."""
-        if self.formation is None or self.robots[row].name == self.formation.leader:
-            return None
-        if self.robots[row].goal is not None:
-            return None
-        leader = self.robots[self.row(self.formation.leader)].start
-        x_m, y_m = self.robots[row].start[0] - leader[0], self.robots[row].start[1] - leader[1]
-        behind_rad = geometry.wrap_angle(atan2(y_m, x_m) - leader[2] + pi)
-        return Slot(geometry.length(x_m, y_m), behind_rad)
+        """Nominal slot of one row."""
+        return self.slots()[row]
+
+    def _follows(self, row: int) -> bool:
+        robot = self.robots[row]
+        return (
+            self.formation is not None
+            and robot.name != self.formation.leader
+            and robot.goal is None
+        )
 
     def setup(self, name: str) -> RobotSetup:
         """What one robot may know: its own row and what all share, never its peers' rows."""
         row = self.row(name)
-        slots = [slot for slot in map(self.slot, range(len(self.robots))) if slot is not None]
+        every = self.slots()
         formation = self.formation
+        if formation is not None and formation.slots:
+            formation = msgspec.structs.replace(formation, slots=())  # its peers' rows are theirs
         return RobotSetup(
             row=row,
             robot=self.robots[row],
             dt_s=self.dt_s,
             leads=formation is not None and formation.leader == name,
-            slot=self.slot(row),
+            slot=every[row],
             formation=formation,
-            slot_distance_m_max=max((slot.distance_m for slot in slots), default=0.0),
+            slot_distance_m_max=max([slot.distance_m for slot in every if slot], default=0.0),
             **{field: getattr(self, field) for field in Shared.__struct_fields__},
         )
 
@@ -479,6 +559,8 @@ def _with_line(raw: Mapping[str, Any], robots: int | None, where: str) -> dict[s
         }
         for i in range(line.count)
     ]
+    if line.goal is not None:
+        rest["robots"][0]["goal"] = list(line.goal)
     return rest
 
 

@@ -97,8 +97,8 @@ def begin(scenario: Scenario) -> Score:
         scenario=scenario,
         rows=rows,
         tallies=[Tally() for _ in range(count)],
-        slots=[scenario.slot(row) for row in range(count)],
-        missions=[_has_mission(scenario, row) for row in range(count)],
+        slots=scenario.slots(),
+        missions=_missions(scenario),
         firsts=firsts,
         seconds=seconds,
         touching_m=radii_m[firsts] + radii_m[seconds],
@@ -109,16 +109,14 @@ def begin(scenario: Scenario) -> Score:
     )
 
 
-def _has_mission(scenario: Scenario, row: int) -> bool:
-    """Whether a robot has somewhere to arrive: its own goal, or a slot behind one that has."""
-    if scenario.robots[row].goal is not None:
-        return True
+def _missions(scenario: Scenario) -> list[bool]:
+    """Who has somewhere to arrive: a goal of its own, or a slot behind one that has."""
     formation = scenario.formation
-    return (
-        formation is not None
-        and scenario.slot(row) is not None
-        and scenario.robots[scenario.row(formation.leader)].goal is not None
-    )
+    led = formation is not None and scenario.robots[scenario.row(formation.leader)].goal is not None
+    return [
+        robot.goal is not None or (led and slot is not None)
+        for robot, slot in zip(scenario.robots, scenario.slots(), strict=True)
+    ]
 
 
 def observe(score: Score, record: TickRecord) -> None:
