@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import cos, pi, sin
 
-from agents import msam
+from agents import msam, peers
 from agents.peers import Peer
 from swarm.geometry import Vec2, wrap_angle
 from swarm.messages import Arc
-from swarm.scenario import Field
+from swarm.scenario import Field, RobotSetup
 
 # |sin gamma| below this means that goal and obstacle are in line: the robot then goes right.
 IN_LINE = 1e-6
@@ -67,20 +67,22 @@ def passing_side(gamma_rad: float) -> int:
     return 1 if sin(gamma_rad) > IN_LINE else -1
 
 
-def between_robots(field: Field, peers: Iterable[Peer]) -> Vec2:
+def between_robots(setup: RobotSetup, others: Iterable[Peer]) -> Vec2:
     """Sum of F_ij of eq. 37 over the peers within r_ij, away from each.
 
     k_ij (1/(q - r) - 1/(r_ij - r)) with q - r held at or above a bound: as printed the force
-    turns into an attraction below r.
+    turns into an attraction below r. Large bodies have a larger r; r_ij - r is the scenario's.
     """
+    field = setup.field
     reach_m = field.robot_reach_m - field.safe_distance_m
     x = 0.0
     y = 0.0
-    for peer in peers:
+    for peer in others:
         q_m = peer.distance_m
-        if q_m > field.robot_reach_m or q_m == 0.0:
+        safe_m = peers.safe_distance(setup, peer)
+        if q_m > safe_m + reach_m or q_m == 0.0:
             continue
-        gap_m = max(q_m - field.safe_distance_m, field.distance_m_min)
+        gap_m = max(q_m - safe_m, field.distance_m_min)
         size = field.k_ij * max(0.0, 1.0 / gap_m - 1.0 / reach_m)
         x -= size * peer.offset[0] / q_m
         y -= size * peer.offset[1] / q_m

@@ -15,7 +15,7 @@ from typing import Literal
 import msgspec
 
 from agents import field, formation, msam, pid, steering
-from agents.peers import Peer
+from agents.peers import Peer, safe_distance
 from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import Pose, Twist, Vec2, wrap_angle
@@ -52,6 +52,7 @@ class State(msgspec.Struct, frozen=True):
     bearing_now_rad: float = 0.0
     direction_rad: float | None = None  # world, chosen last in AVOID
     rest_s: float = 0.0
+    late_s: float = 0.0  # since the leader arrived, without rest in the slot
     tracking: pid.State = pid.State()
 
 
@@ -128,9 +129,12 @@ def step(
     else:
         wish = avoid(setup, state, pose, map, others, goal, bearing_now_rad, extended)
         direction_rad = atan2(wish.forces.attractive[1], wish.forces.attractive[0])
+    late_s = state.late_s + elapsed_s if goal.arrived and not rests else 0.0
     if rest_s >= REST_S:
         wish = msgspec.structs.replace(wish, mode="ARRIVED", arrived=True)
-    return State(mode, clear_s, bearing_now_rad, direction_rad, rest_s, tracking), wish
+    elif late_s > setup.steering.round_s_max:
+        wish = Wish(mode="FAILED", waypoint=nominal, reason="too-long")
+    return State(mode, clear_s, bearing_now_rad, direction_rad, rest_s, late_s, tracking), wish
 
 
 def switch_bearing(
@@ -171,11 +175,10 @@ def switch_mode(
     assert setup.slot is not None
     assert setup.formation is not None
     margin_m = PEER_MARGIN_M if state.mode == "FORM" else PEER_MARGIN_LEAVE_M
-    reach_m = setup.field.safe_distance_m + margin_m
     triggered = (
         abs(wrap_angle(bearing_rad - setup.slot.bearing_rad)) > BEARING_CHANGE_RAD
         or map.nearest_m < setup.formation.avoid_around_m
-        or any(peer.distance_m < reach_m for peer in others)
+        or any(peer.distance_m < safe_distance(setup, peer) + margin_m for peer in others)
         or nearest_ahead(map, setup.formation.avoid_ahead_m)
     )
     if triggered:
@@ -281,7 +284,7 @@ def avoid(
     if free_rad is not None:
         repulsive = field.without_opposition(repulsive, free_rad)
     rotating = field.rotating(setup.field, map.clusters, pose.yaw_rad, wanted_rad)
-    robots = field.between_robots(setup.field, others)
+    robots = field.between_robots(setup, others)
     resultant = field.total(attractive, repulsive, rotating, robots)
     forces = Forces(attractive, repulsive, rotating, robots, resultant)
     speed_mps, turn_rate_radps = steering.head(

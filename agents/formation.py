@@ -20,17 +20,32 @@ from swarm.scenario import Formation, RobotSetup
 
 # How strongly the bearing of the moment attracts the choice of the next.
 BEARING_MEMORY_WEIGHT = 0.15
+# A leader leaves its slowest follower this much of its top speed, at least, to catch up with.
+CRUISE_SHARE_MAX = 0.8
 # Bearings up to a right angle to either side are tried.
 BEARING_RAD_MAX = pi / 2.0
 
 
-def turn(setup: RobotSetup, heading_rad: float, leader_yaw_rad: float) -> float:
-    """Rate of theta_F in rad/s: after the leader's heading, within (v_max - v_lead) / d_max."""
+def slowest(setup: RobotSetup, followers: Iterable[Peer]) -> float:
+    """Top speed of the slowest robot of a formation, as far as its leader hears, in m/s."""
+    return min([setup.robot.speed_mps_max, *[peer.beacon.speed_mps_max for peer in followers]])
+
+
+def cruise(setup: RobotSetup, slowest_mps: float) -> float:
+    """Speed of a leader whose slowest follower must be able to catch up, in m/s."""
+    return min(setup.robot.cruise_speed_mps, CRUISE_SHARE_MAX * slowest_mps)
+
+
+def turn(setup: RobotSetup, heading_rad: float, leader_yaw_rad: float, spare_mps: float) -> float:
+    """Rate of theta_F in rad/s: after the leader's heading, within (v_max - v_lead) / d_max.
+
+    Args:
+        spare_mps: v_max - v_lead, what the slowest robot has left at cruise speed.
+    """
     assert setup.formation is not None
     rate_radps = setup.formation.heading_gain_1ps * wrap_angle(leader_yaw_rad - heading_rad)
     if setup.slot_distance_m_max > 0.0:
-        spare_mps = max(0.0, setup.robot.speed_mps_max - setup.robot.cruise_speed_mps)
-        bound = spare_mps / setup.slot_distance_m_max
+        bound = max(0.0, spare_mps) / setup.slot_distance_m_max
         rate_radps = max(-bound, min(bound, rate_radps))
     return rate_radps
 

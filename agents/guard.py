@@ -14,7 +14,7 @@ import msgspec
 
 from agents import msam
 from agents.peers import Peer
-from swarm.scenario import Guard, RobotSetup
+from swarm.scenario import RobotSetup
 
 # A peer more than 87 degrees off the way does not come nearer by driving on.
 PEER_AHEAD_MIN = 0.05
@@ -37,7 +37,7 @@ def limit(setup: RobotSetup, map: msam.Map, peers: Iterable[Peer], forward: bool
     if speed_mps < allowed.speed_mps:
         allowed = Limit(speed_mps, "brake")
     for peer in peers:
-        speed_mps = share(setup.guard, setup.robot.body_radius_m, peer, side)
+        speed_mps = share(setup, peer, side)
         if speed_mps < allowed.speed_mps:
             allowed = Limit(speed_mps, peer.beacon.name)
     return allowed
@@ -52,7 +52,7 @@ def brake(setup: RobotSetup, map: msam.Map, side: float) -> float:
     guard = setup.guard
     radius_m = setup.robot.body_radius_m
     strip_m = radius_m + guard.strip_margin_m
-    planned_mps2 = guard.deceleration_mps2
+    planned_mps2 = deceleration(setup)
     reach_m = strip_m + guard.stop_margin_m
     reach_m += setup.robot.speed_mps_max * setup.robot.speed_mps_max / (2.0 * planned_mps2)
     if map.nearest_m >= reach_m:
@@ -74,14 +74,20 @@ def brake(setup: RobotSetup, map: msam.Map, side: float) -> float:
     return sqrt(2.0 * planned_mps2 * max(0.0, free_m))
 
 
-def share(guard: Guard, radius_m: float, peer: Peer, side: float) -> float:
+def share(setup: RobotSetup, peer: Peer, side: float) -> float:
     """Speed from which this robot stops within its half of the gap to a peer, inf if off its way.
 
     The peer may do the same at the same time, and each knows the other `latency_s` late.
     """
+    guard = setup.guard
     q_m = peer.distance_m
-    touch_m = radius_m + peer.beacon.body_radius_m + guard.peer_margin_m
-    if q_m >= guard.peer_reach_m:
+    touch_m = setup.robot.body_radius_m + peer.beacon.body_radius_m + guard.peer_margin_m
+    planned_mps2 = deceleration(setup)
+    lost_mps = planned_mps2 * guard.latency_s
+    # Beyond this gap the limit is above the robot's own: fast ones must look further than others.
+    fastest_mps = setup.robot.speed_mps_max
+    gap_m = fastest_mps * (fastest_mps + 2.0 * lost_mps) / planned_mps2
+    if q_m >= guard.peer_reach_m and q_m >= touch_m + gap_m:
         return inf
     if q_m == 0.0:
         return 0.0
@@ -89,6 +95,10 @@ def share(guard: Guard, radius_m: float, peer: Peer, side: float) -> float:
     if ahead <= PEER_AHEAD_MIN or abs(peer.offset_body[1]) > touch_m + guard.peer_lateral_m:
         return inf
     half_m = max(0.0, (q_m - touch_m) / 2.0)
-    lost_mps = guard.deceleration_mps2 * guard.latency_s
-    speed_mps = sqrt(2.0 * guard.deceleration_mps2 * half_m + lost_mps * lost_mps) - lost_mps
+    speed_mps = sqrt(2.0 * planned_mps2 * half_m + lost_mps * lost_mps) - lost_mps
     return speed_mps / max(ahead, PEER_AHEAD_FACTOR_MIN)
+
+
+def deceleration(setup: RobotSetup) -> float:
+    """Planned deceleration in m/s2: the guard's, or the body's own where that is weaker."""
+    return min(setup.guard.deceleration_mps2, setup.robot.acceleration_mps2_max)

@@ -117,7 +117,7 @@ def peer_beams(
         first = ceil(middle - half)
         stop = min(floor(middle + half), first + beams - 1) + 1
         near_m, far_m, reach2_m2 = distance_m - reach_m, distance_m + reach_m, reach_m * reach_m
-        if 0 <= first and stop <= beams:
+        if first >= 0 and stop <= beams:
             window: Iterable[tuple[int, float]] = enumerate(beams_m[first:stop], first)
         else:  # across the back of the robot
             window = ((index % beams, beams_m[index % beams]) for index in range(first, stop))

@@ -16,6 +16,7 @@ import msgspec
 from swarm import geometry
 from swarm.geometry import Pose, Vec2
 from swarm.messages import Beacon
+from swarm.scenario import RobotSetup
 
 # Nothing in a scenario lies further out or moves faster; beyond, squares would overflow.
 COORDINATE_M_MAX = 1e6
@@ -85,6 +86,12 @@ def now(beacons: tuple[Beacon, ...], pose: Pose, tick: int, dt_s: float) -> list
             )
         )
     return found
+
+
+def safe_distance(setup: RobotSetup, peer: Peer) -> float:
+    """r of eq. 36 for these two robots: the scenario's, or more when their bodies need it."""
+    touch_m = setup.robot.body_radius_m + peer.beacon.body_radius_m
+    return max(setup.field.safe_distance_m, touch_m + setup.guard.peer_margin_m)
 
 
 def is_in_formation(beacon: Beacon) -> bool:

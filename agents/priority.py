@@ -119,11 +119,10 @@ def _in_formation(
     elapsed_s: float,
 ) -> State:
     velocity = _velocity(pose, twist.speed_mps)
-    reach_m = setup.field.safe_distance_m + FORMATION_MARGIN_M
     near = [
         peer
         for peer in before
-        if peer.distance_m < reach_m
+        if peer.distance_m < peers.safe_distance(setup, peer) + FORMATION_MARGIN_M
         and abs(peer.bearing_rad) < FORMATION_AHEAD_RAD
         and _closing(peer, velocity) < 0.0
     ]

@@ -72,7 +72,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     map = msam.update(setup, frame.ranges_m(), [peer for peer in others if is_masked(setup, peer)])
 
     # 3. Decide.
-    wish = Wish(mode="FAILED")
+    wish = Wish(mode="FAILED", reason="contact" if sane else "sensors")
     if sane and not frame.contact:
         state, wish = decide(setup, state, frame, map, others, elapsed_s)
 
@@ -167,6 +167,8 @@ def decide(
             tracking = pid.reset(state.following.tracking)
             following = replace(state.following, tracking=tracking, rest_s=0.0)
             return replace(state, following=following), Wish(mode="HOLD")
+        if leader.beacon.reason in ("enclosed", "too-long"):
+            return state, Wish(mode="FAILED", reason="leader")
         following, wish = follow.step(
             setup,
             state.following,
@@ -182,11 +184,13 @@ def decide(
         return replace(state, following=following), wish
     if setup.robot.goal is None:
         return state, Wish(mode="HOLD")
-    speed_mps = setup.robot.speed_mps_max
+    speed_mps = slowest_mps = cruise_mps = setup.robot.speed_mps_max
     if setup.leads and setup.formation is not None:
         followers = [peer for peer in others if peer.beacon.slot is not None]
         lag_m = formation.lag(state.formation_heading_rad, pose, followers)
-        speed_mps = setup.robot.cruise_speed_mps * formation.pace(setup.formation, lag_m)
+        slowest_mps = formation.slowest(setup, followers)
+        cruise_mps = formation.cruise(setup, slowest_mps)
+        speed_mps = cruise_mps * formation.pace(setup.formation, lag_m)
     seeking, wish = seek.step(
         setup,
         state.seeking,
@@ -203,7 +207,9 @@ def decide(
         rate_radps = (
             0.0
             if wish.arrived
-            else formation.turn(setup, state.formation_heading_rad, pose.yaw_rad)
+            else formation.turn(
+                setup, state.formation_heading_rad, pose.yaw_rad, slowest_mps - cruise_mps
+            )
         )
         state = replace(state, formation_turn_rate_radps=rate_radps)
     return state, wish
@@ -261,4 +267,5 @@ def beacon(setup: RobotSetup, state: State, frame: SensorFrame, wish: Wish) -> B
         formation_heading_rad=state.formation_heading_rad,
         formation_turn_rate_radps=state.formation_turn_rate_radps,
         yields_to=state.waiting.yields_to,
+        reason=wish.reason,
     )

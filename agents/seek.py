@@ -1,7 +1,8 @@
-"""A robot with a goal of its own, a formation's leader or alone: GO, ROUND, ARRIVED.
+"""A robot with a goal of its own, a formation's leader or alone: GO, ROUND, ARRIVED, FAILED.
 
 goal, map, peers --gap, forces (eq. 38)--> heading --> wish
 no progress --rotation memory--> ROUND --> wish
+round everything, both ways, or for too long --> FAILED, for good
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ def step(
     goal_rad = atan2(dy_m, dx_m)
     rotation = state.rotation
     clear_m = setup.robot.body_radius_m + setup.steering.gap_margin_m
+    keep_m = max(setup.steering.round_distance_m, clear_m + setup.steering.gap_margin_m)
     if extended:
         rotation = steering.remember_rotation(
             setup.steering,
@@ -68,14 +70,18 @@ def step(
             goal_rad,
             distance_m,
             clear_m=clear_m,
+            keep_m=keep_m,
             waiting=waiting,
             elapsed_s=elapsed_s,
         )
+        if rotation.failed:
+            failed = Wish(mode="FAILED", waypoint=target, reason=rotation.failed)
+            return State(state.via_index, state.direction_rad, rotation), failed
     mode: Mode = "GO"
     direction_rad = state.direction_rad
     if rotation.sense != 0:
         mode = "ROUND"
-        along = steering.follow_wall(setup.steering, map, rotation.sense, pose.yaw_rad)
+        along = steering.follow_wall(keep_m, map, rotation.sense, pose.yaw_rad)
         forces = Forces(rotating=along, resultant=along)
     else:
         free_rad = None
@@ -117,7 +123,7 @@ def add_up(
     if free_rad is not None:
         repulsive = field.without_opposition(repulsive, free_rad)
     rotating = field.rotating(setup.field, map.clusters, pose.yaw_rad, goal_rad)
-    robots = field.between_robots(setup.field, others)
+    robots = field.between_robots(setup, others)
     return Forces(
         attractive,
         repulsive,

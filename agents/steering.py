@@ -16,15 +16,22 @@ import msgspec
 from agents import field, msam
 from swarm import geometry
 from swarm.geometry import TAU, Twist, Vec2, wrap_angle
-from swarm.messages import Arc, Forces, Mode
+from swarm.messages import Arc, Forces, Mode, Reason
 from swarm.scenario import Robot, Steering
 
 # A new ROUND this near to the place of the last one tries the other way round.
 SAME_PLACE_M = 1.0
+# A lap round something begins within this of the distance kept from it, has been under way once
+# the robot was so far from there, and is complete this near to there with the same wall beside it
+# (across a narrow corridor it is the other wall).
+LAP_REACH_M = 0.15
+LAP_AWAY_M = 1.2
+LAP_BACK_M = 0.4
+LAP_WALL_RAD = 1.0
 # Looking this far to either side of the way along the wall for a corner ahead, ...
 CORNER_RAD = 0.45
-# ... which is kept off from this distance, as measured from the robot's centre.
-CORNER_DISTANCE_M = 1.10
+# ... which is kept off from this much further than the wall.
+CORNER_BEYOND_M = 0.45
 CORNER_PUSH_MAX = 1.5
 # Steepness of both pushes, 1/m.
 WALL_GAIN_1PM = 2.0
@@ -43,6 +50,7 @@ class Wish(msgspec.Struct, frozen=True):
     waypoint: Vec2 | None = None  # world
     error: Vec2 = (0.0, 0.0)  # e of eq. 47: m, rad
     saturated: bool = False  # it asked for more than the robot's limits
+    reason: Reason = ""  # of FAILED
 
     def direction_rad(self, yaw_rad: float) -> float:
         """World direction of the resultant force, the heading where there is none."""
@@ -57,10 +65,15 @@ class Rotation(msgspec.Struct, frozen=True):
     reference_m: float = inf  # distance from which progress is counted
     stalled_s: float = 0.0
     sense: int = 0  # +1: wall on the right, -1: on the left, 0: not in ROUND
-    round_s: float = 0.0
+    round_s: float = 0.0  # in ROUND without coming nearer
     hit: Vec2 | None = None  # world, where the last ROUND began
     hit_distance_m: float = inf  # from there to the goal
     hit_sense: int = 0
+    lap: Vec2 | None = None  # world, where it reached the wall that it follows
+    lap_wall_rad: float = 0.0  # world, from there to the wall
+    lap_away: bool = False  # has been away from there
+    laps: int = 0  # completed, one each way
+    failed: Reason = ""  # there is no way; for good
 
 
 # --- force to set-point -------------------------------------------------------------------------
@@ -180,17 +193,27 @@ def remember_rotation(
     distance_m: float,
     *,
     clear_m: float,
+    keep_m: float,
     waiting: bool,
     elapsed_s: float,
 ) -> Rotation:
     """Memory after this tick: ROUND begins after a stall, ends when the goal is nearer and free.
 
-    The clock stands while the robot waits for others: it would start to circle them.
+    The clock stands while the robot waits for others: it would start to circle them. Once the
+    robot has walked round what is in its way, it tries the other way round; after both there is
+    no way to the goal, and after the longest time it is taken for that.
+
+    Args:
+        goal_rad: world.
+        clear_m: body radius plus margin.
+        keep_m: distance from the wall that it follows.
     """
+    if memory.failed:
+        return memory
     best_m = min(memory.best_m, distance_m)
     if memory.sense != 0:
         round_s = memory.round_s + (0.0 if waiting else elapsed_s)
-        done = round_s > steering.round_s_max or not map.clusters
+        done = not map.clusters
         if distance_m < memory.hit_distance_m - steering.round_leave_m and not done:
             free_rad = choose_direction(
                 steering,
@@ -202,10 +225,15 @@ def remember_rotation(
                 look_m=min(distance_m, LEAVE_LOOK_M),
             )
             done = free_rad == goal_rad
+        memory = msgspec.structs.replace(memory, best_m=best_m, round_s=round_s)
         if not done:
-            return msgspec.structs.replace(memory, best_m=best_m, round_s=round_s)
+            if round_s > steering.round_s_max:
+                return msgspec.structs.replace(memory, sense=0, failed="too-long")
+            return walk_round(memory, map, position, yaw_rad, keep_m)
+        if distance_m < memory.hit_distance_m - steering.round_leave_m:
+            memory = msgspec.structs.replace(memory, round_s=0.0)
         return msgspec.structs.replace(
-            memory, best_m=best_m, reference_m=distance_m, stalled_s=0.0, sense=0, round_s=0.0
+            memory, reference_m=distance_m, stalled_s=0.0, sense=0, lap=None, laps=0
         )
     if distance_m < memory.reference_m - steering.stall_progress_m:
         return msgspec.structs.replace(memory, best_m=best_m, reference_m=distance_m, stalled_s=0.0)
@@ -222,19 +250,47 @@ def remember_rotation(
         best_m=best_m,
         reference_m=memory.reference_m,
         sense=sense,
+        round_s=memory.round_s,
         hit=position,
         hit_distance_m=best_m,
         hit_sense=sense,
     )
 
 
-def follow_wall(steering: Steering, map: msam.Map, sense: int, yaw_rad: float) -> Vec2:
-    """Direction along the nearest surface, kept at its distance, turned away from corners ahead."""
+def walk_round(
+    memory: Rotation, map: msam.Map, position: Vec2, yaw_rad: float, keep_m: float
+) -> Rotation:
+    """Memory of a ROUND that goes on, turned back or given up where a lap is complete."""
+    wall_rad = wrap_angle(_nearest_angle(map) + yaw_rad)
+    if memory.lap is None:
+        if map.nearest_m > keep_m + LAP_REACH_M:
+            return memory
+        return msgspec.structs.replace(memory, lap=position, lap_wall_rad=wall_rad, lap_away=False)
+    away_m = geometry.length(position[0] - memory.lap[0], position[1] - memory.lap[1])
+    if not memory.lap_away:
+        return msgspec.structs.replace(memory, lap_away=away_m > LAP_AWAY_M)
+    if away_m > LAP_BACK_M or abs(wrap_angle(wall_rad - memory.lap_wall_rad)) > LAP_WALL_RAD:
+        return memory
+    if memory.laps > 0:
+        return msgspec.structs.replace(memory, sense=0, laps=memory.laps + 1, failed="enclosed")
+    return msgspec.structs.replace(
+        memory,
+        sense=-memory.sense,
+        hit_sense=-memory.hit_sense,
+        lap=position,
+        lap_wall_rad=wall_rad,
+        lap_away=False,
+        laps=1,
+    )
+
+
+def follow_wall(keep_m: float, map: msam.Map, sense: int, yaw_rad: float) -> Vec2:
+    """Direction along the nearest surface, `keep_m` from it, turned away from corners ahead."""
     angles = msam.layout(len(map.sectors_m), len(map.sectors_m)).sector_angles
-    wall_body_rad = angles[map.nearest_index]
+    wall_body_rad = _nearest_angle(map)
     wall_x, wall_y = geometry.unit(wall_body_rad + yaw_rad)
     along_x, along_y = -sense * wall_y, sense * wall_x
-    pull = clip(WALL_GAIN_1PM * (map.nearest_m - steering.round_distance_m), 1.0)
+    pull = clip(WALL_GAIN_1PM * (map.nearest_m - keep_m), 1.0)
     along_body_rad = wall_body_rad + sense * TAU / 4.0
     ahead_m = min(
         [
@@ -243,9 +299,15 @@ def follow_wall(steering: Steering, map: msam.Map, sense: int, yaw_rad: float) -
             if abs(wrap_angle(angle_rad - along_body_rad)) <= CORNER_RAD
         ]
     )
-    if ahead_m < CORNER_DISTANCE_M:
-        pull -= min(CORNER_PUSH_MAX, WALL_GAIN_1PM * (CORNER_DISTANCE_M - ahead_m))
+    corner_m = keep_m + CORNER_BEYOND_M
+    if ahead_m < corner_m:
+        pull -= min(CORNER_PUSH_MAX, WALL_GAIN_1PM * (corner_m - ahead_m))
     return (along_x + pull * wall_x, along_y + pull * wall_y)
+
+
+def _nearest_angle(map: msam.Map) -> float:
+    """Body angle of the nearest sector."""
+    return msam.layout(len(map.sectors_m), len(map.sectors_m)).sector_angles[map.nearest_index]
 
 
 def _range_of(arc: Arc) -> float:

@@ -30,6 +30,9 @@ Tick = Annotated[int, msgspec.Meta(ge=0, le=2**40)]
 Stamp = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
 
 Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
+# Why a robot says FAILED: it touched something; its frame cannot be true; it walked round all that
+# is between it and its goal, both ways; it tried for too long; its leader has failed.
+Reason = Literal["", "contact", "sensors", "enclosed", "too-long", "leader"]
 
 
 # --- pieces -------------------------------------------------------------------------------------
@@ -121,6 +124,7 @@ class Beacon(msgspec.Struct, frozen=True, array_like=True):
     formation_heading_rad: float = 0.0
     formation_turn_rate_radps: float = 0.0
     yields_to: Name | None = None
+    reason: Reason = ""  # of FAILED
 
     def __post_init__(self) -> None:
         total = self.bearing_now_rad + self.formation_heading_rad + self.formation_turn_rate_radps
@@ -249,6 +253,7 @@ class RobotStatus(msgspec.Struct, frozen=True):
     arrived: bool
     late_commands: int
     error_m: float | None
+    reason: str = ""  # why it says FAILED
 
 
 class Status(msgspec.Struct, frozen=True):

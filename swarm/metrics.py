@@ -54,6 +54,7 @@ class RobotRow(msgspec.Struct, frozen=True, kw_only=True):
     yields: int
     waiting_s: float
     restarts: int
+    reason: str = ""  # why it said FAILED, when that is how it ended
 
 
 class FormationRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -223,7 +224,7 @@ def check(expect: Expect, result: Summary) -> tuple[list[str], list[str]]:
         value = _at(result, key)
         if key == "outcome":
             sign, good = "==", value == limit
-        elif key == "arrived" or key.startswith("min_"):
+        elif key in ("arrived", "blocked") or key.startswith("min_"):
             sign, good = ">=", value is not None and value >= limit
         else:
             sign, good = "<=", value is not None and value <= limit
@@ -263,6 +264,7 @@ def _robot_row(score: Score, facts: Facts, row: int, outcome: RobotOutcome) -> R
         yields=tally.yields,
         waiting_s=tally.waiting_ticks * dt_s,
         restarts=facts.restarts.get(name, 0),
+        reason=tally.reason if outcome == "blocked" else "",
     )
 
 
@@ -314,6 +316,8 @@ def _fault_row(scenario: Scenario, fault: Fault) -> FaultRow:
 
 def _at(result: Summary, path: str) -> float | str | None:
     """Value at a summary path joined by `_`, such as formation_error_m_final."""
+    if path == "blocked":
+        return [row.outcome for row in result.per_robot].count("blocked")
     part, _, key = path.partition("_")
     inside = getattr(result, part, None)
     value = getattr(inside, key, None) if part in ("formation", "priority") else None

@@ -206,7 +206,7 @@ class Steering(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     stall_s: Positive = 4.0  # for this long
     round_distance_m: Positive = 0.65  # from robot centre to the wall that it follows
     round_leave_m: Positive = 0.3
-    round_s_max: Positive = 150.0
+    round_s_max: Positive = 150.0  # of ROUND without coming nearer; then FAILED
 
 
 class Pid(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -266,12 +266,14 @@ class Fault(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Expect(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a run must reach: summary paths joined by `_`.
 
-    `min_*` and `arrived` are lower bounds, `outcome` is equal, all others are upper bounds.
+    `min_*`, `arrived` and `blocked` are lower bounds, `outcome` is equal, all others are upper
+    bounds.
     `mirror_pairs` names the robots whose paths should mirror each other in the x axis.
     """
 
     outcome: Literal["succeeded", "collided", "timeout", "failed"] | None = None
     arrived: int | None = None
+    blocked: int | None = None  # how many outcomes of per_robot
     collisions: int | None = None
     makespan_s: float | None = None
     path_ratio_mean: float | None = None

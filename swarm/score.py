@@ -25,7 +25,7 @@ LINGER_S = 2.0  # a run goes on for so long after the last arrival
 PATIENCE_S = 10.0  # and for so much longer while a formation error exceeds what is expected
 SETTLED_M = 0.1  # a formation has settled while every error is below this
 
-Ending = Literal["arrived", "duration", "timeout", "stranded"]
+Ending = Literal["arrived", "blocked", "duration", "timeout", "stranded"]
 Indices = npt.NDArray[np.intp]
 
 
@@ -47,6 +47,8 @@ class Tally(msgspec.Struct):
     yielding: bool = False
     held_back: bool = False  # by a guard, now
     mode: str = ""
+    reason: str = ""  # of FAILED
+    failed_tick: int | None = None  # since when it says that it has failed
 
 
 class Fault(msgspec.Struct):
@@ -137,7 +139,8 @@ def observe(score: Score, record: TickRecord) -> None:
 def ended(score: Score) -> Ending | None:
     """Why the run is over after the ticks so far, None when it goes on.
 
-    `stranded`: nobody is left who could still arrive, or move when there is nowhere to arrive.
+    `blocked`: who has not arrived says that it never will. `stranded`: nobody is left who could
+    still arrive, or move when there is nowhere to arrive.
     """
     scenario = score.scenario
     goals = any(score.missions)
@@ -155,6 +158,16 @@ def ended(score: Score) -> Ending | None:
         linger_s = LINGER_S + PATIENCE_S if rough else LINGER_S
         if score.tick - max(arrivals) >= scenario.tick_of(linger_s):
             return "arrived"
+    settled = [
+        tally.failed_tick if tally.arrival_tick is None else tally.arrival_tick for tally in going
+    ]
+    known = [tick for tick in settled if tick is not None]
+    if (
+        goals
+        and len(arrivals) < len(going) == len(known)
+        and score.tick - max(known) >= scenario.tick_of(LINGER_S)
+    ):
+        return "blocked"
     if score.tick >= scenario.tick_of(scenario.duration_s):
         return "timeout" if goals else "duration"
     return None
@@ -224,7 +237,11 @@ def _observe_bodies(score: Score, robots: tuple[RobotRecord, ...]) -> None:
             score.clearance_obstacle_m = robot.obstacle_clearance_m
         yields_to = None
         if robot.alive and robot.beacon is not None:
-            tally.mode = robot.beacon.mode
+            tally.mode, tally.reason = robot.beacon.mode, robot.beacon.reason
+            if tally.mode != "FAILED":
+                tally.failed_tick = None
+            elif tally.failed_tick is None:
+                tally.failed_tick = score.tick
             yields_to = robot.beacon.yields_to
         if yields_to is not None:
             tally.waiting_ticks += 1

@@ -350,6 +350,7 @@ class _Conductor:
                     arrived=bool(beacon and beacon.arrived),
                     late_commands=self._late[name],
                     error_m=metrics.formation_error_now(self._score, name),
+                    reason=beacon.reason if beacon else "",
                 )
             )
         return Status(

@@ -103,7 +103,7 @@ def _cells(row: RobotStatus) -> tuple[Text, ...]:
     return (
         Text(row.name),
         Text(row.state, style=STYLES.get(row.state, "")),
-        Text(row.mode),
+        Text(f"{row.mode}: {row.reason}" if row.reason else row.mode),
         Text(row.leader),
         Text(error),
         Text("yes" if row.arrived else "", style="green"),
@@ -125,7 +125,7 @@ def show_summary(summary: metrics.Summary, folder: str) -> None:
         style = "green" if row.outcome == "arrived" else "red"
         table.add_row(
             row.name,
-            Text(row.outcome, style=style),
+            Text(f"{row.outcome}: {row.reason}" if row.reason else row.outcome, style=style),
             _figure(row.arrival_s, "s", 2),
             _figure(row.path_m, "m", 2),
             _figure(row.final_error_m, "m", 3),

@@ -62,21 +62,21 @@ def test_between_robots_is_the_slope_of_eq_36(angle_rad: float, distance_m: floa
         return FIELD.k_ij * (-log(gap_m) + gap_m / reach_m)
 
     heard = scenes.peer(scenes.beacon("robot2", Pose(*other, 0.0)))
-    force = field.between_robots(FIELD, [heard])
+    force = field.between_robots(scenes.alone(), [heard])
     assert force == pytest.approx(slope(potential, 0.0, 0.0), rel=1e-4, abs=1e-3)
 
 
 @pytest.mark.parametrize("distance_m", [0.1, 0.44, 0.5, 0.55, 0.9])
 def test_between_robots_never_attracts_within_reach(distance_m: float) -> None:
     heard = scenes.peer(scenes.beacon("robot2", Pose(distance_m, 0.0, 0.0)))
-    x, y = field.between_robots(FIELD, [heard])
+    x, y = field.between_robots(scenes.alone(), [heard])
     assert x < 0.0
     assert y == 0.0
 
 
 def test_between_robots_is_zero_beyond_reach() -> None:
     heard = scenes.peer(scenes.beacon("robot2", Pose(1.01, 0.0, 0.0)))
-    assert field.between_robots(FIELD, [heard]) == (0.0, 0.0)
+    assert field.between_robots(scenes.alone(), [heard]) == (0.0, 0.0)
 
 
 def test_rotating_pushes_to_the_goals_side_and_right_when_in_line() -> None:

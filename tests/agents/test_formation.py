@@ -32,10 +32,10 @@ def test_waypoint_turns_with_the_formation_not_with_the_leader() -> None:
 
 def test_turn_is_limited_so_that_the_outermost_slot_can_follow() -> None:
     setup = scenes.leader()
-    assert formation.turn(setup, 0.0, 0.1) == pytest.approx(0.05)
+    assert formation.turn(setup, 0.0, 0.1, 0.4) == pytest.approx(0.05)
     bound = (1.0 - 0.6) / (2.0 * sqrt(2.0))
-    assert formation.turn(setup, 0.0, 2.0) == pytest.approx(bound)
-    assert formation.turn(setup, 3.05, -3.1) == pytest.approx(0.5 * (2.0 * pi - 6.15))
+    assert formation.turn(setup, 0.0, 2.0, 0.4) == pytest.approx(bound)
+    assert formation.turn(setup, 3.05, -3.1, 0.4) == pytest.approx(0.5 * (2.0 * pi - 6.15))
 
 
 def test_lag_counts_followers_behind_their_slots_only() -> None:

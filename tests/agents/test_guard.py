@@ -43,19 +43,19 @@ def test_brake_stops_before_a_wall_whatever_the_direction(side: float) -> None:
 def test_share_leaves_half_of_the_gap_to_a_peer_ahead() -> None:
     heard = scenes.peer(scenes.beacon("robot2", Pose(1.5, 0.0, 0.0)))
     expected = sqrt(2.0 * (1.5 - 0.44 - 0.06) / 2.0 + 0.16**2) - 0.16
-    assert guard.share(SETUP.guard, 0.22, heard, 1.0) == pytest.approx(expected)
-    assert guard.share(SETUP.guard, 0.22, heard, -1.0) == inf
+    assert guard.share(SETUP, heard, 1.0) == pytest.approx(expected)
+    assert guard.share(SETUP, heard, -1.0) == inf
 
 
 def test_share_is_zero_when_the_gap_is_used_up() -> None:
     heard = scenes.peer(scenes.beacon("robot2", Pose(0.49, 0.0, 0.0)))
-    assert guard.share(SETUP.guard, 0.22, heard, 1.0) == 0.0
+    assert guard.share(SETUP, heard, 1.0) == 0.0
 
 
 def test_share_lets_pass_what_is_far_aside_or_away() -> None:
     for pose in (Pose(1.0, 0.8, 0.0), Pose(2.1, 0.0, 0.0), Pose(0.0, 0.6, 0.0)):
         heard = scenes.peer(scenes.beacon("robot2", pose))
-        assert guard.share(SETUP.guard, 0.22, heard, 1.0) == inf
+        assert guard.share(SETUP, heard, 1.0) == inf
 
 
 def test_limit_names_what_holds_the_robot_back() -> None:
@@ -78,7 +78,7 @@ def test_two_robots_that_drive_at_each_other_never_touch() -> None:
             )
             for i in (0, 1)
         ]
-        allowed = [guard.share(SETUP.guard, 0.22, heard[i], 1.0) for i in (0, 1)]
+        allowed = [guard.share(SETUP, heard[i], 1.0) for i in (0, 1)]
         speeds = [max(min(1.0, allowed[i]), speeds[i] - 4.0 * 0.08) for i in (0, 1)]
         past = [past[1], poses]
         poses = [

@@ -149,6 +149,7 @@ def remember(
             goal_rad,
             distance_m,
             clear_m=CLEAR_M,
+            keep_m=STEERING.round_distance_m,
             waiting=waiting,
             elapsed_s=0.08,
         )
@@ -198,9 +199,12 @@ def test_round_ends_when_nearer_and_free_only() -> None:
     assert remember(memory, FREE, 5.0).sense == 0  # nothing to walk round
 
 
-def test_round_ends_after_its_longest_time() -> None:
+def test_round_fails_after_its_longest_time_for_good() -> None:
     memory = Rotation(sense=1, hit=(0.0, 0.0), hit_distance_m=5.0, round_s=149.95)
-    assert remember(memory, AHEAD, 6.0).sense == 0
+    after = remember(memory, AHEAD, 6.0)
+    assert (after.sense, after.failed) == (0, "too-long")
+    assert remember(after, FREE, 1.0) == after
+    assert remember(memory, AHEAD, 6.0, waiting=True).failed == ""
 
 
 @pytest.mark.parametrize("sense", [1, -1])
@@ -208,7 +212,7 @@ def test_follow_wall_keeps_its_distance_and_side(sense: int) -> None:
     def along(range_m: float) -> Vec2:
         sectors_m = [inf] * 72
         sectors_m[36] = range_m  # 2.5 degrees left of the heading
-        return steering.follow_wall(STEERING, map_of(sectors_m), sense, 0.0)
+        return steering.follow_wall(STEERING.round_distance_m, map_of(sectors_m), sense, 0.0)
 
     ahead_x, side_y = along(0.65)
     assert side_y * sense > 0.9

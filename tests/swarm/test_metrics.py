@@ -179,6 +179,7 @@ def test_summary_has_exactly_the_promised_keys_in_order() -> None:
         "yields",
         "waiting_s",
         "restarts",
+        "reason",
     ]
     assert list(built["formation"]) == ["error_m_max", "error_m_final", "settling_s", "symmetry_m"]
     assert list(built["priority"]) == [
