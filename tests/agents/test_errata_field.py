@@ -137,7 +137,9 @@ def test_force_between_robots_of_eq_37_has_the_reach_of_its_potential(q_m: float
 
     heard = scenes.peer(scenes.beacon("robot2", Pose(q_m, 0.0, 0.0)))
     push, _ = slope(potential)
-    assert field.between_robots(scenes.alone(), [heard])[0] == pytest.approx(push, rel=1e-4, abs=1e-3)
+    assert field.between_robots(scenes.alone(), [heard])[0] == pytest.approx(
+        push, rel=1e-4, abs=1e-3
+    )
     printed = FIELD.k_ij * (1.0 / (q_m - r_m) - 1.0 / (FIELD.rho_m - r_m))
     assert abs(printed - -push) > 1.0
 
@@ -148,7 +150,9 @@ def test_force_between_robots_of_eq_37_attracts_below_the_safe_distance_as_print
 
     near = scenes.peer(scenes.beacon("robot2", Pose(0.4, 0.0, 0.0)))
     assert printed(0.4) < -50.0
-    assert field.between_robots(scenes.alone(), [near])[0] < -50.0  # away from the peer, which is at +x
+    assert (
+        field.between_robots(scenes.alone(), [near])[0] < -50.0
+    )  # away from the peer, which is at +x
     neighbour = scenes.peer(scenes.beacon("robot2", Pose(sqrt(2.0), 0.0, 0.0)))
     assert printed(sqrt(2.0)) > 3.0  # a formation would fight itself
     assert field.between_robots(scenes.alone(), [neighbour]) == (0.0, 0.0)

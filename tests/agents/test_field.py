@@ -79,6 +79,16 @@ def test_between_robots_is_zero_beyond_reach() -> None:
     assert field.between_robots(scenes.alone(), [heard]) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize(("radius_m", "safe_m"), [(0.15, 0.5), (0.22, 0.5), (0.4, 0.68)])
+def test_between_robots_keeps_further_from_a_large_peer(radius_m: float, safe_m: float) -> None:
+    def push(distance_m: float) -> float:
+        other = scenes.beacon("robot2", Pose(distance_m, 0.0, 0.0), body_radius_m=radius_m)
+        return field.between_robots(scenes.alone(), [scenes.peer(other)])[0]
+
+    assert push(safe_m + 0.25) == pytest.approx(-5.0 * (4.0 - 2.0))
+    assert push(safe_m + 0.51) == 0.0
+
+
 def test_rotating_pushes_to_the_goals_side_and_right_when_in_line() -> None:
     field_1 = Field(k_e=1.0)
     circle_m = msam.circle_distance(1.0, 0.5)

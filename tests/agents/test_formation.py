@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents import formation
+from agents.peers import Peer
 from swarm.geometry import Pose, Vec2, wrap_angle
 from swarm.messages import Slot
 from swarm.scenario import Formation
@@ -36,6 +37,19 @@ def test_turn_is_limited_so_that_the_outermost_slot_can_follow() -> None:
     bound = (1.0 - 0.6) / (2.0 * sqrt(2.0))
     assert formation.turn(setup, 0.0, 2.0, 0.4) == pytest.approx(bound)
     assert formation.turn(setup, 3.05, -3.1, 0.4) == pytest.approx(0.5 * (2.0 * pi - 6.15))
+
+
+def test_cruise_leaves_the_slowest_follower_a_reserve() -> None:
+    setup = scenes.leader()
+
+    def heard(speed_mps: float) -> Peer:
+        return scenes.peer(scenes.beacon("robot1", scenes.ORIGIN, speed_mps_max=speed_mps))
+
+    assert formation.slowest(setup, []) == 1.0
+    assert formation.slowest(setup, [heard(0.5), heard(2.0)]) == 0.5
+    assert formation.cruise(setup, 1.0) == 0.6
+    assert formation.cruise(setup, 0.5) == pytest.approx(0.4)
+    assert formation.turn(setup, 0.0, 2.0, -0.1) == 0.0
 
 
 def test_lag_counts_followers_behind_their_slots_only() -> None:

@@ -58,6 +58,24 @@ def test_share_lets_pass_what_is_far_aside_or_away() -> None:
         assert guard.share(SETUP, heard, 1.0) == inf
 
 
+def test_share_looks_as_far_as_a_fast_robot_needs() -> None:
+    fast = scenes.alone(speed_mps_max=2.0)
+    heard = scenes.peer(scenes.beacon("robot2", Pose(3.0, 0.0, 0.0), body_radius_m=0.4))
+    half_m = (3.0 - 0.22 - 0.4 - 0.06) / 2.0
+    assert guard.share(fast, heard, 1.0) == pytest.approx(sqrt(2.0 * half_m + 0.0256) - 0.16)
+    assert guard.share(SETUP, heard, 1.0) == inf  # a slower one cannot reach that speed
+
+
+def test_guards_plan_with_the_bodys_own_brakes_when_they_are_weaker() -> None:
+    weak = scenes.alone(acceleration_mps2_max=0.5)
+    map = scenes.look(weak, scenes.wall(0.6))
+    assert guard.brake(weak, map, 1.0) == pytest.approx(
+        guard.brake(SETUP, map, 1.0) / sqrt(2.0), abs=1e-9
+    )
+    heard = scenes.peer(scenes.beacon("robot2", Pose(1.0, 0.0, 0.0)))
+    assert guard.share(weak, heard, 1.0) == pytest.approx(sqrt(0.25 + 0.0064) - 0.08)
+
+
 def test_limit_names_what_holds_the_robot_back() -> None:
     near = scenes.peer(scenes.beacon("robot2", Pose(0.6, 0.0, 0.0)))
     open_map = scenes.look(SETUP, scenes.nothing())

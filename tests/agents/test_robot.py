@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents import robot
+from agents import follow, robot, seek
+from agents.steering import Rotation
 from swarm import messages
 from swarm.geometry import STILL, Pose, Twist
 from swarm.messages import Beacon, Command, Leadership, SensorFrame, Slot
@@ -420,3 +421,46 @@ def test_trace_tells_what_was_seen_and_added_up() -> None:
     )
     assert forces.attractive == (50.0, 0.0)
     assert trace.waypoint == (10.0, 0.0)
+
+
+def test_robot_that_has_failed_says_why_and_stands() -> None:
+    setup = scenes.alone()
+    given_up = robot.State(seeking=seek.State(rotation=Rotation(failed="enclosed")))
+    state, command = robot.step(setup, given_up, scenes.frame())
+    assert (command.beacon.mode, command.beacon.reason) == ("FAILED", "enclosed")
+    assert command.set_point == STILL
+    _, command = robot.step(setup, state, scenes.frame(tick=2, contact=True))
+    assert command.beacon.reason == "contact"
+
+
+@pytest.mark.parametrize(("reason", "mode"), [("enclosed", "FAILED"), ("contact", "AVOID")])
+def test_follower_fails_with_a_leader_that_has_given_up(reason: str, mode: str) -> None:
+    setup = scenes.follower(Slot(2.0, 0.0))
+    leads = scenes.beacon(
+        "leader",
+        Pose(1.0, 0.0, 0.0),
+        mode="FAILED",
+        reason=reason,
+        leadership=Leadership(0, (0, 0, 0, 0), "leader"),
+    )
+    ranges_m = scenes.scan([(1.0, 0.0, 0.22)], scenes.ORIGIN)
+    frame = scenes.frame(ranges_m=ranges_m, beacons=(leads,))
+    _, command = robot.step(setup, robot.init(setup), frame)
+    assert command.beacon.mode == mode
+    assert command.beacon.reason == ("leader" if mode == "FAILED" else "")
+
+
+def test_follower_gives_up_150_s_after_its_leader_arrived() -> None:
+    setup = scenes.follower(Slot(2.0, 0.0))
+    leads = scenes.beacon(
+        "leader",
+        Pose(9.0, 0.0, 0.0),
+        arrived=True,
+        mode="ARRIVED",
+        leadership=Leadership(0, (0, 0, 0, 0), "leader"),
+    )
+    state = robot.State(following=msgspec.structs.replace(follow.init(setup), late_s=149.9))
+    state, command = robot.step(setup, state, scenes.frame(beacons=(leads,)))
+    assert command.beacon.mode == "FORM"
+    _, command = robot.step(setup, state, scenes.frame(tick=2, beacons=(leads,)))
+    assert (command.beacon.mode, command.beacon.reason) == ("FAILED", "too-long")

@@ -207,6 +207,46 @@ def test_round_fails_after_its_longest_time_for_good() -> None:
     assert remember(memory, AHEAD, 6.0, waiting=True).failed == ""
 
 
+def near(wall_rad: float) -> msam.Map:
+    """A wall at the distance that is kept, in that direction, and a blocked goal."""
+    middle = round((wall_rad + pi) / (pi / 36.0))
+    return map_of([0.65 if abs(index - middle) < 3 else inf for index in range(72)])
+
+
+def lap(memory: Rotation, *, back_wall_rad: float = 0.0) -> Rotation:
+    """Away from the hit point and back to it."""
+    for x_m, y_m in ((1.0, 0.5), (2.0, 2.0), (0.5, 1.0)):
+        memory = remember(memory, near(0.0), 6.0, position=(x_m, y_m))
+    return remember(memory, near(back_wall_rad), 6.0, position=(0.2, 0.1))
+
+
+def test_round_turns_back_after_a_lap_and_fails_after_the_second() -> None:
+    memory = Rotation(sense=1, hit=(0.3, 0.0), hit_distance_m=5.0, hit_sense=1)
+    memory = remember(memory, near(0.0), 6.0)
+    assert (memory.sense, memory.lap, memory.laps) == (1, (0.0, 0.0), 0)
+    memory = lap(memory)
+    assert (memory.sense, memory.hit_sense, memory.laps, memory.failed) == (-1, -1, 1, "")
+    memory = lap(memory)
+    assert (memory.sense, memory.failed) == (0, "enclosed")
+
+
+def test_round_goes_on_when_another_wall_is_beside_the_place() -> None:
+    memory = remember(Rotation(sense=1, hit=(0.3, 0.0), hit_distance_m=5.0), near(0.0), 6.0)
+    assert lap(memory, back_wall_rad=2.0).laps == 0  # back along a narrow corridor
+
+
+def test_round_begins_a_lap_at_the_wall_only() -> None:
+    memory = Rotation(sense=1, hit=(0.3, 0.0), hit_distance_m=5.0)
+    assert remember(memory, AHEAD, 6.0).lap is None  # 1.0 m away
+    assert lap(remember(memory, AHEAD, 6.0)).laps == 0
+
+
+def test_round_counts_laps_anew_when_the_goal_came_nearer() -> None:
+    memory = Rotation(sense=1, hit_distance_m=5.0, lap=(0.0, 0.0), laps=1, round_s=80.0)
+    after = remember(memory, AHEAD, 4.6, goal_rad=2.0)
+    assert (after.sense, after.laps, after.lap, after.round_s) == (0, 0, None, 0.0)
+
+
 @pytest.mark.parametrize("sense", [1, -1])
 def test_follow_wall_keeps_its_distance_and_side(sense: int) -> None:
     def along(range_m: float) -> Vec2:

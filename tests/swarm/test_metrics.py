@@ -383,6 +383,31 @@ def test_outcome_is_no_excuse_when_a_fault_hits_a_robot_already_lost() -> None:
     assert film.summary.per_robot[1].outcome == "failed"
 
 
+def test_run_ends_two_seconds_after_the_last_has_arrived_or_given_up() -> None:
+    film = Film(PAIR)
+    no_way = msgspec.structs.replace(beacon("b", 0, mode="FAILED"), reason="enclosed")
+    film.shoot(body(0.0, 0.0), body(0.0, -2.0, no_way), times=30)
+    assert metrics.ended(film.score) is None
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0, no_way), times=20)
+    assert metrics.ended(film.score) is None
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0, no_way))
+    assert metrics.ended(film.score) == "blocked"
+    rows = film.summary.per_robot
+    assert [(row.outcome, row.reason) for row in rows] == [("arrived", ""), ("blocked", "enclosed")]
+    met, missed = metrics.check(Expect(blocked=1, arrived=2), film.summary)
+    assert (met, missed) == (["blocked >= 1: 1"], ["arrived >= 2: 1"])
+
+
+def test_run_goes_on_when_a_robot_recovers() -> None:
+    film = Film(LONE)
+    film.shoot(body(1.0, 0.0, beacon("a", 0, mode="FAILED")), times=19)
+    film.shoot(body(1.0, 0.0, beacon("a", 0)))
+    film.shoot(body(1.0, 0.0, beacon("a", 0, mode="FAILED")), times=20)
+    assert metrics.ended(film.score) is None
+    film.shoot(body(1.0, 0.0, beacon("a", 0, mode="FAILED")))
+    assert metrics.ended(film.score) == "blocked"
+
+
 def test_outcome_is_blocked_when_a_robot_has_given_up() -> None:
     film = Film(LONE)
     film.shoot(body(1.0, 0.0, beacon("a", 0, mode="FAILED")))

@@ -11,6 +11,7 @@ import tomli_w
 
 import world.scenarios
 from swarm import errors
+from swarm.messages import Slot
 from swarm.scenario import Scenario, decode, to_builtins
 
 HEAD = 'title = "test"\nseed = 7\ndt_s = 0.08\nduration_s = 10.0\n'
@@ -151,6 +152,47 @@ def test_decode_lines_robots_up_along_y() -> None:
         ("robot2", (0.0, 0.0, 0.0)),
         ("robot3", (0.0, 2.0, 0.0)),
     ]
+
+
+def test_decode_lets_the_first_of_a_line_lead_a_shape() -> None:
+    text = HEAD + "[line]\ncount = 4\ngoal = [9.0, 0.0]\n"
+    plan = decoded(text + '[formation]\nleader = "robot1"\nshape = "column"\nspacing_m = 1.2\n')
+    assert [robot.goal for robot in plan.robots] == [(9.0, 0.0), None, None, None]
+    slots = [slot for slot in plan.slots() if slot is not None]
+    assert [slot.distance_m for slot in slots] == pytest.approx([1.2, 2.4, 3.6])
+    assert [slot.bearing_rad for slot in slots] == pytest.approx([0.0, 0.0, 0.0])
+    assert plan.setup("robot3").slot_distance_m_max == pytest.approx(3.6)
+
+
+SLOTS = "[[formation.slots]]\ndistance_m = 2.0\nbearing_rad = 0.5\n"
+
+
+def test_decode_gives_slots_in_row_order_and_a_robot_its_own_only() -> None:
+    text = HEAD + A + "goal = [9.0, 0.0]\n" + B + FORMATION + SLOTS
+    plan = decoded(text)
+    assert plan.slot(1) == Slot(2.0, 0.5)
+    setup = plan.setup("b")
+    assert setup.slot == Slot(2.0, 0.5)
+    assert setup.formation is not None
+    assert setup.formation.slots == ()
+    assert decode(tomli_w.dumps(to_builtins(plan)).encode(), "resolved.toml") == plan
+
+
+@pytest.mark.parametrize(
+    ("formation", "match"),
+    [
+        ('shape = "star"\n', "formation.shape: expected one of .*wedge"),
+        ('shape = "wedge"\n' + SLOTS, "expected either shape or slots, got 'wedge' and slots"),
+        ('shape = "column"\nspacing_m = 0.4\n', "slots that do not touch, got those of 'a' and"),
+        ('shape = "line"\nspacing_m = 11.0\n', r"the slot of 'b' within radio.range_m \(10\)"),
+        (SLOTS, "expected formation.slots for 2 followers, got 1"),
+        (SLOTS + SLOTS, "slots that do not touch, got those of 'b' and 'c' 0.000 m apart"),
+    ],
+)
+def test_decode_says_which_slots_are_bad(formation: str, match: str) -> None:
+    c = A.replace('"a"', '"c"').replace("[0.0, 0.0", "[0.0, 3.0")
+    with pytest.raises(errors.ScenarioError, match=match):
+        decoded(HEAD + A + "goal = [9.0, 0.0]\n" + B + c + FORMATION + formation)
 
 
 @pytest.mark.parametrize("path", BUILT_IN, ids=lambda path: path.stem)
