@@ -5,7 +5,8 @@ frame -> peers, msam -> seek: field, steering | follow: formation, pid -> priori
 peers       beacons heard -> where the peers are now
 msam        ranges -> sectors -> arcs (virtual circles)         eq. 17 to 21
 field       arcs, goal, peers -> forces                         eq. 22 to 38
-steering    force -> set-point; gap choice, rotation memory
+steering    force -> set-point; gap choice
+rotation    ROUND: along the wall out of a trap, or FAILED
 seek        a goal of its own: GO, ROUND, ARRIVED
 formation   slot, way-point, bearing switch                     eq. 39 to 46
 pid         adaptive tracking                                   eq. 44, 47 to 64

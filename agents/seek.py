@@ -12,9 +12,9 @@ from math import atan2
 
 import msgspec
 
-from agents import field, msam, steering
+from agents import field, msam, rotation, steering
 from agents.peers import Peer
-from agents.steering import Rotation, Wish
+from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import Pose, Vec2
 from swarm.messages import Forces, Mode
@@ -26,7 +26,7 @@ class State(msgspec.Struct, frozen=True):
 
     via_index: int = 0  # of the way-point it goes to; their number: the goal itself
     direction_rad: float | None = None  # world, chosen last; None before the first
-    rotation: Rotation = Rotation()
+    rotation: rotation.State = rotation.State()
 
 
 def step(
@@ -57,13 +57,13 @@ def step(
     if is_goal and distance_m < setup.robot.goal_tolerance_m:
         return state, Wish(mode="ARRIVED", arrived=True, waypoint=target)
     goal_rad = atan2(dy_m, dx_m)
-    rotation = state.rotation
+    memory = state.rotation
     clear_m = setup.robot.body_radius_m + setup.steering.gap_margin_m
     keep_m = max(setup.steering.round_distance_m, clear_m + setup.steering.gap_margin_m)
     if extended:
-        rotation = steering.remember_rotation(
+        memory = rotation.step(
             setup.steering,
-            rotation,
+            memory,
             map,
             position,
             pose.yaw_rad,
@@ -74,14 +74,14 @@ def step(
             waiting=waiting,
             elapsed_s=elapsed_s,
         )
-        if rotation.failed:
-            failed = Wish(mode="FAILED", waypoint=target, reason=rotation.failed)
-            return State(state.via_index, state.direction_rad, rotation), failed
+        if memory.failed:
+            failed = Wish(mode="FAILED", waypoint=target, reason=memory.failed)
+            return State(state.via_index, state.direction_rad, memory), failed
     mode: Mode = "GO"
     direction_rad = state.direction_rad
-    if rotation.sense != 0:
+    if memory.sense != 0:
         mode = "ROUND"
-        along = steering.follow_wall(keep_m, map, rotation.sense, pose.yaw_rad)
+        along = rotation.follow_wall(keep_m, map, memory.sense, pose.yaw_rad)
         forces = Forces(rotating=along, resultant=along)
     else:
         free_rad = None
@@ -102,7 +102,7 @@ def step(
     speed_mps, turn_rate_radps = steering.head(
         setup.steering, setup.robot, forces.resultant, pose.yaw_rad, speed_mps
     )
-    next_state = State(state.via_index, direction_rad, rotation)
+    next_state = State(state.via_index, direction_rad, memory)
     return next_state, Wish(mode, speed_mps, turn_rate_radps, forces=forces, waypoint=target)
 
 

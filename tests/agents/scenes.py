@@ -126,3 +126,9 @@ def frame(
 
 def look(setup: RobotSetup, ranges_m: Ranges, others: Sequence[Peer] = ()) -> msam.Map:
     return msam.update(setup, ranges_m, others)
+
+
+def map_of(sectors_m: Sequence[float]) -> msam.Map:
+    """Map with these sectors, to the ring."""
+    ranges_m = np.repeat(np.array(sectors_m, dtype=np.float32) + np.float32(0.01), 3)
+    return look(alone(), ranges_m)

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents import follow, robot, seek
-from agents.steering import Rotation
+from agents import follow, robot, rotation, seek
 from swarm import messages
 from swarm.geometry import STILL, Pose, Twist
 from swarm.messages import Beacon, Command, Leadership, SensorFrame, Slot
@@ -425,7 +424,7 @@ def test_trace_tells_what_was_seen_and_added_up() -> None:
 
 def test_robot_that_has_failed_says_why_and_stands() -> None:
     setup = scenes.alone()
-    given_up = robot.State(seeking=seek.State(rotation=Rotation(failed="enclosed")))
+    given_up = robot.State(seeking=seek.State(rotation=rotation.State(failed="enclosed")))
     state, command = robot.step(setup, given_up, scenes.frame())
     assert (command.beacon.mode, command.beacon.reason) == ("FAILED", "enclosed")
     assert command.set_point == STILL
