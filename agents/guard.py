@@ -61,9 +61,7 @@ def brake(setup: RobotSetup, map: msam.Map, side: float) -> float:
     units = msam.layout(beams, len(map.sectors_m)).beam_units
     per_sector = beams // len(map.sectors_m)
     free_m = inf
-    for sector, nearest_m in enumerate(map.sectors_m):
-        if nearest_m >= reach_m:
-            continue
+    for sector in [index for index, range_m in enumerate(map.sectors_m) if range_m < reach_m]:
         for beam in range(sector * per_sector, (sector + 1) * per_sector):
             range_m = map.beams_m[beam]
             x_m = side * range_m * units[beam][0]
@@ -82,19 +80,14 @@ def share(setup: RobotSetup, peer: Peer, side: float) -> float:
     guard = setup.guard
     q_m = peer.distance_m
     touch_m = setup.robot.body_radius_m + peer.beacon.body_radius_m + guard.peer_margin_m
-    planned_mps2 = deceleration(setup)
-    lost_mps = planned_mps2 * guard.latency_s
-    # Beyond this gap the limit is above the robot's own: fast ones must look further than others.
-    fastest_mps = setup.robot.speed_mps_max
-    gap_m = fastest_mps * (fastest_mps + 2.0 * lost_mps) / planned_mps2
-    if q_m >= guard.peer_reach_m and q_m >= touch_m + gap_m:
-        return inf
     if q_m == 0.0:
         return 0.0
     ahead = side * peer.offset_body[0] / q_m
     if ahead <= PEER_AHEAD_MIN or abs(peer.offset_body[1]) > touch_m + guard.peer_lateral_m:
         return inf
     half_m = max(0.0, (q_m - touch_m) / 2.0)
+    planned_mps2 = deceleration(setup)
+    lost_mps = planned_mps2 * guard.latency_s
     speed_mps = sqrt(2.0 * planned_mps2 * half_m + lost_mps * lost_mps) - lost_mps
     return speed_mps / max(ahead, PEER_AHEAD_FACTOR_MIN)
 

@@ -102,9 +102,8 @@ def choose_direction(
     goal_is_free = True
     blocked = 0  # one bit per sector, three turns side by side so that no run is cut at the back
     if map.nearest_m < look_m:
-        for index, range_m in enumerate(map.sectors_m):
-            if not range_m < look_m:
-                continue
+        for index in [index for index, range_m in enumerate(map.sectors_m) if range_m < look_m]:
+            range_m = map.sectors_m[index]
             half_rad = half_width(clear_m, range_m) + sector_rad / 2.0
             if goal_is_free and abs(wrap_angle(goal_body_rad - angles[index])) < half_rad:
                 goal_is_free = False

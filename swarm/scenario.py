@@ -232,7 +232,6 @@ class Guard(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     stop_margin_m: NotNegative = 0.05
     peer_margin_m: NotNegative = 0.06
     peer_lateral_m: NotNegative = 0.25
-    peer_reach_m: Positive = 2.0
     latency_s: NotNegative = 0.16  # two ticks
 
 
