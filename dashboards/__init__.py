@@ -6,6 +6,7 @@ TickRecord -> snapshot -> foxglove -> channels for swarm.recording
 
 snapshot    what every picture needs of a tick, as arrays
 foxglove    the channels that Foxglove and Rerun draw from the MCAP by themselves
+bridge      the same channels live, for Foxglove
 stage       what does not change: scene, colours, names
 views       the table of converters, ticks -> columns
 blueprint   what a viewer shows at first

@@ -50,15 +50,23 @@ def measure(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
         for number in range(rounds):
             progress(f"launch: {size} robots, round {number + 1} of {rounds}")
             seen.append(launch(size))
-        first_s = [one.first_tick_s for one in seen]
-        pss_mb = [one.pss_mb for one in seen]
-        first, memory = "launch: first tick", "launch: memory of a robot"
-        if size >= BUDGET_SIZE_MIN:
-            rows.append(figures.at_most(first, size, first_s, "s", FIRST_TICK_S_MAX))
-            rows.append(figures.at_most(memory, size, pss_mb, "MB", PSS_MB_MAX))
-        else:
-            rows.append(figures.row(first, size, first_s, "s"))
-            rows.append(figures.row(memory, size, pss_mb, "MB"))
+        budgeted = size >= BUDGET_SIZE_MIN
+        rows += [
+            figures.at_most(
+                "launch: first tick",
+                size,
+                [one.first_tick_s for one in seen],
+                "s",
+                FIRST_TICK_S_MAX if budgeted else None,
+            ),
+            figures.at_most(
+                "launch: memory of a robot",
+                size,
+                [one.pss_mb for one in seen],
+                "MB",
+                PSS_MB_MAX if budgeted else None,
+            ),
+        ]
     return tuple(rows)
 
 
