@@ -99,8 +99,9 @@ def test_bench_exits_1_only_when_a_budget_is_broken_and_not_tiny(
     assert "BROKEN" not in tiny.stdout
 
 
-def test_bare_barrier_is_imported_without_viewers() -> None:
-    code = "import sys, swarm.run.bench.bare; print({'rerun', 'rich'} & set(sys.modules))"
+def test_what_children_load_is_free_of_viewers() -> None:
+    names = ", ".join(processes.PRELOAD)
+    code = f"import sys, {names}; print({{'rerun', 'rich'}} & set(sys.modules))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (result.stdout.strip(), result.stderr) == ("set()", "")
 

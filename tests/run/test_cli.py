@@ -8,7 +8,7 @@ import os
 import socket
 import subprocess
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -30,12 +30,6 @@ VERBS = [
     "robot",
     "version",
 ]
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Iterator[Path]:
-    yield tmp_path
-    processes.end_all(tmp_path)
 
 
 Here = Callable[[str], subprocess.CompletedProcess[str]]

@@ -31,7 +31,6 @@ from swarm.run.bench import processes, rehearsal
 from swarm.run.bench.processes import Window
 from swarm.scenario import Recording
 from world import conductor, simulation
-from world.watchers import Watchers
 
 SCENARIO = "empty"
 LONG = "duration_s=1e6"  # the windows end it
@@ -107,6 +106,8 @@ def world(system: System, end: Connection) -> None:
         end, 2 * system.turns, system.window_s, system.settle_s, lambda: float(own_s.sum())
     )
     bus = zenoh_bus.open_router(RUN, system.endpoint)
+    from world.watchers import Watchers  # with Rerun, which a robot has not loaded either
+
     watchers = Watchers(bus, plan)
     watchers.open(system.scenario_toml, system.folder, None, None)
 
