@@ -231,7 +231,10 @@ def test_windows_says_who_ended_and_its_last_words() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_bench_leaves_no_process_when_it_is_ended(folder: Path, number: signal.Signals) -> None:
+def test_bench_leaves_no_process_when_it_is_ended(
+    folder: Path, number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(folder))  # a killed one cannot remove its folder
     process = commands.start(folder, "bench", "barrier")
     commands.until(lambda: len(commands.named(folder, "swarm-robot")) == 6, END_S, "six robots")
     process.send_signal(number)

@@ -33,6 +33,7 @@ BUDGET_SIZE_MIN = 50  # a few robots have fewer to share their pages with
 TIMEOUT_S = 60.0  # wall; a swarm that has not ticked by then is a failure
 END_S = 10.0  # from the request to stop to SIGKILL; the supervisor needs at most half of it
 POLL_S = 0.005
+STDERR = "stderr"  # file name
 
 
 class Launch(msgspec.Struct, frozen=True):
@@ -86,14 +87,16 @@ def _swarm_run(size: int, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     Should we be killed, `--stop-after` ends it.
     """
     options = ["--robots", size, "--rate", 1, "--duration", 1000, "--stop-after", TIMEOUT_S]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "swarm.run.cli", "run", SCENARIO, "--quiet", "--out", str(folder)]
-        + [str(option) for option in options],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=(folder / "stderr").open("wb"),
-        start_new_session=True,
-    )
+    command = [sys.executable, "-m", "swarm.run.cli", "run", SCENARIO, "--quiet"]
+    command += ["--out", str(folder), *(str(option) for option in options)]
+    with (folder / STDERR).open("wb") as stderr:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=stderr,
+            start_new_session=True,
+        )
     try:
         yield process
     finally:
@@ -129,7 +132,7 @@ def _card(process: subprocess.Popen[bytes], folder: Path, deadline_s: float) -> 
         with contextlib.suppress(FileNotFoundError, msgspec.DecodeError):  # not there, or not whole
             return msgspec.json.decode((folder / runs.CARD).read_bytes(), type=runs.Card)
         time.sleep(POLL_S)
-    said = (folder / "stderr").read_text(errors="replace").strip().splitlines()
+    said = (folder / STDERR).read_text(errors="replace").strip().splitlines()
     raise errors.SwarmError(
         f"bench: expected `swarm run` to come up, got exit code {process.poll()}"
         f"{': ' + said[-1] if said else ''}"

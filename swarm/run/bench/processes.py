@@ -28,8 +28,8 @@ import psutil
 from swarm import errors
 from swarm.run import supervisor
 
-# what the children of a run have loaded, and what those of a measurement are made of
-PRELOAD = [*supervisor.PRELOAD, "swarm.run.bench.bare", "swarm.run.bench.system"]
+# what those of a measurement are made of, then what the children of any run have loaded
+PRELOAD = ["swarm.run.bench.bare", "swarm.run.bench.system", *supervisor.PRELOAD]
 RESULT_S = 90.0  # wall, launch included; then the measurement has failed
 END_S = 2.0  # from SIGTERM to SIGKILL
 WARM_UP_TICKS = 20  # before the first window; robots meet, caches fill
