@@ -11,6 +11,7 @@ as raw little-endian bytes with dtype and shape. Every message carries its tick 
 
 from __future__ import annotations
 
+import functools
 import re
 from math import prod
 from typing import Annotated, Any, Literal
@@ -353,6 +354,7 @@ _decoders = {row.name: msgspec.msgpack.Decoder(row.type) for row in _rows}
 _reply_decoder = msgspec.msgpack.Decoder(Reply)
 
 
+@functools.lru_cache(maxsize=4096)
 def key(row: Topic | Query, run: str, robot: str = "*") -> str:
     """Key of a topic or query; `robot` is `*` for all of them."""
     return row.key.format(run=run, robot=robot)

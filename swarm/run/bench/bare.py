@@ -46,7 +46,7 @@ def measure(
     """One window of a barrier with the payloads of a real one."""
     with processes.Children() as children:
         barrier = Barrier(
-            endpoint=f"tcp/127.0.0.1:{supervisor._free_port()}",
+            endpoint=f"tcp/127.0.0.1:{supervisor.free_port()}",
             folder=children.folder,
             bench_pid=os.getpid(),
             frame_bytes=frame_bytes,

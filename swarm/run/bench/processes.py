@@ -161,7 +161,7 @@ class Children:
         """Start one; the Connection of `child_end` may be among the arguments."""
         child = self._context.Process(target=main, args=arguments, name=name)
         self._children.append(child)
-        with supervisor._without_main():
+        with supervisor.without_main():
             child.start()
 
     def windows(self) -> tuple[Window, ...]:
