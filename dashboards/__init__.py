@@ -11,4 +11,11 @@ stage       what does not change: scene, colours, names
 views       the table of converters, ticks -> columns
 blueprint   what a viewer shows at first
 live        file and server, and how to start a viewer
+
+TickRecord ... -> tracks -> drawing, figures -> page
+
+tracks      a whole run as arrays
+drawing     what pictures are made of
+figures     the pictures of the paper
+page        one HTML page of pictures and claims
 """

@@ -26,6 +26,7 @@ VERBS = [
     "verify",
     "replay",
     "bench",
+    "reproduce",
     "world",
     "robot",
     "version",
@@ -84,6 +85,7 @@ BAD_LINES = {
     "validate missing.toml": "missing.toml",
     "frobnicate": "frobnicate",
     "bench nothing-of-the-kind": "nothing-of-the-kind",
+    "reproduce fig13 fig9": "expected some of fig10, fig11, fig12",
 }
 
 
