@@ -93,7 +93,6 @@ class RobotShell:
     def loop(self, stop: lifetime.Stop) -> None:
         """Answer frames until told to stop."""
         absence = lifetime.Absence(self._bus, ABSENCE_S)
-        gc.collect()
         gc.freeze()  # what start-up made stays; the collector need not look at it again
         while stop.reason is None:
             delivery = self._bus.receive(POLL_S)

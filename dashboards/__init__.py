@@ -6,8 +6,16 @@ TickRecord -> snapshot -> foxglove -> channels for swarm.recording
 
 snapshot    what every picture needs of a tick, as arrays
 foxglove    the channels that Foxglove and Rerun draw from the MCAP by themselves
+bridge      the same channels live, for Foxglove
 stage       what does not change: scene, colours, names
 views       the table of converters, ticks -> columns
 blueprint   what a viewer shows at first
 live        file and server, and how to start a viewer
+
+TickRecord ... -> tracks -> drawing, figures -> page
+
+tracks      a whole run as arrays
+drawing     what pictures are made of
+figures     the pictures of the paper
+page        one HTML page of pictures and claims
 """

@@ -4,7 +4,8 @@
 
 Schemas and encoders are Foxglove's own. Poses and transforms are hundreds of small objects per tick
 for a large swarm (4 and 6 us per robot), so those two are encoded once and afterwards only the
-numbers in the bytes are replaced: the same bytes for a tenth of the time.
+numbers in the bytes are replaced, and a cloud is its stamp, what never changes, and its points:
+the same bytes as Foxglove's for a tenth of the time.
 """
 
 from __future__ import annotations
@@ -141,7 +142,11 @@ class _Template:
     ) -> tuple[Bytes, npt.NDArray[np.intp], npt.NDArray[np.intp]]:
         marks = np.random.Generator(np.random.Philox(1)).random(shape)
         data = self._encode(marks, _timestamp(stamp_ns))
-        number_places = [data.index(mark.tobytes()) for mark in marks.ravel()]
+        number_places: list[int] = []
+        place = 0
+        for mark in marks.ravel():  # in the order of the message
+            place = data.index(mark.tobytes(), place)
+            number_places.append(place)
         stamp_places: list[int] = []
         framed = bytes([0x0A, len(stamp)]) + stamp  # field 1 of its message
         found = data.find(framed)

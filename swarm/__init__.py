@@ -15,5 +15,5 @@ score       what adds up from tick to tick
 metrics     stream of ticks -> summary
 bus         the seam between processes; in memory here, over Zenoh in zenoh_bus
 recording   MCAP out and in; playback reads, verdict judges, salvage digs, backlog waits
-run         what composes them: command line, supervisor, lock-step, replay, bench
+run         what composes them: command line, supervisor, lock-step, replay, bench, reproduce
 """

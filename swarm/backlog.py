@@ -1,7 +1,7 @@
 """Bytes that wait for a disk, and the account of what becomes of them.
 
-Writer --bytes--> Stream --when the disk is willing--> file
-\\---numbers--> Account: expected, received, written, lost
+Writer --bytes----> Stream --when the disk is willing--> file
+   '-----numbers--> Account: expected, received, written, lost
 """
 
 from __future__ import annotations

@@ -11,10 +11,11 @@ as raw little-endian bytes with dtype and shape. Every message carries its tick 
 
 from __future__ import annotations
 
+import functools
 import re
 import struct
 from collections.abc import Sequence
-from math import isfinite, prod
+from math import prod
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -22,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm import errors
-from swarm.geometry import Pose, Ranges, Twist, Vec2
+from swarm.geometry import Finite, Pose, Ranges, Twist, Vec2
 
 Name = Annotated[str, msgspec.Meta(pattern="^[a-z][a-z0-9_-]{0,31}$")]
 RunId = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9][A-Za-z0-9_-]{0,95}$")]
@@ -72,23 +73,15 @@ def floats(values: Sequence[float]) -> Array:
 class Wheels(msgspec.Struct, frozen=True, array_like=True):
     """Rim speeds of the two wheels, the (v_r, v_l) of eq. 1 and 2."""
 
-    right_mps: float
-    left_mps: float
-
-    def __post_init__(self) -> None:
-        if not isfinite(self.right_mps + self.left_mps):
-            raise ValueError("expected finite wheel speeds")
+    right_mps: Finite
+    left_mps: Finite
 
 
 class Slot(msgspec.Struct, frozen=True, array_like=True):
     """Place in a formation, eq. 39: behind the leader at `bearing_rad`, positive to its right."""
 
-    distance_m: float
-    bearing_rad: float
-
-    def __post_init__(self) -> None:
-        if not isfinite(self.distance_m + self.bearing_rad):
-            raise ValueError("expected a finite slot")
+    distance_m: Finite
+    bearing_rad: Finite
 
 
 class Leadership(msgspec.Struct, frozen=True, array_like=True):
@@ -117,30 +110,23 @@ class Beacon(msgspec.Struct, frozen=True, array_like=True):
     arrived: bool
     priority: tuple[int, int, int, int]
     slot: Slot | None = None
-    bearing_now_rad: float = 0.0  # alpha_now, the slot's bearing after the bearing switch
+    bearing_now_rad: Finite = 0.0  # alpha_now, the slot's bearing after the bearing switch
     leadership: Leadership | None = None  # the highest this robot knows; its own when it leads
     goal: Vec2 | None = None
     via: tuple[Vec2, ...] = ()  # way-points still ahead, before the goal
-    formation_heading_rad: float = 0.0
-    formation_turn_rate_radps: float = 0.0
+    formation_heading_rad: Finite = 0.0
+    formation_turn_rate_radps: Finite = 0.0
     yields_to: Name | None = None
     reason: Reason = ""  # of FAILED
-
-    def __post_init__(self) -> None:
-        total = self.bearing_now_rad + self.formation_heading_rad + self.formation_turn_rate_radps
-        for point in self.via if self.goal is None else (self.goal, *self.via):
-            total += point[0] + point[1]
-        if not isfinite(total):
-            raise ValueError("expected finite numbers in a beacon")
 
 
 class Arc(msgspec.Struct, frozen=True, array_like=True):
     """One virtual circle of the MSAM (eq. 19 to 21): a run of occupied cells, body frame."""
 
-    bearing_rad: float
-    range_m: float  # r_o, inner edge of the nearest cell
-    width_rad: float
-    weight: float
+    bearing_rad: Finite
+    range_m: Finite  # r_o, inner edge of the nearest cell
+    width_rad: Finite
+    weight: Finite
 
 
 class Forces(msgspec.Struct, frozen=True, array_like=True):
@@ -160,21 +146,10 @@ class Trace(msgspec.Struct, frozen=True, array_like=True):
     arcs: tuple[Arc, ...] = ()
     forces: Forces = Forces()
     waypoint: Vec2 | None = None  # world frame, what it steered for
-    gains: tuple[float, float, float, float, float, float] = (0.0,) * 6
-    error: tuple[float, float] = (0.0, 0.0)  # e of eq. 47: m, rad
-    speed_limit_mps: float = 0.0  # what braking guard and peer guard allowed
+    gains: tuple[Finite, Finite, Finite, Finite, Finite, Finite] = (0.0,) * 6
+    error: Vec2 = (0.0, 0.0)  # e of eq. 47: m, rad
+    speed_limit_mps: Finite = 0.0  # what braking guard and peer guard allowed
     limited_by: str = ""  # "" | "brake" | the peer's name
-
-    def __post_init__(self) -> None:
-        total = self.speed_limit_mps + sum(self.gains) + self.error[0] + self.error[1]
-        for vector in msgspec.structs.astuple(self.forces):
-            total += vector[0] + vector[1]
-        for arc in self.arcs:
-            total += arc.bearing_rad + arc.range_m + arc.width_rad + arc.weight
-        if self.waypoint is not None:
-            total += self.waypoint[0] + self.waypoint[1]
-        if not isfinite(total):
-            raise ValueError("expected finite numbers in a trace")
 
 
 # --- what travels -------------------------------------------------------------------------------
@@ -391,6 +366,7 @@ _decoders = {row.name: msgspec.msgpack.Decoder(row.type) for row in _rows}
 _reply_decoder = msgspec.msgpack.Decoder(Reply)
 
 
+@functools.lru_cache(maxsize=4096)
 def key(row: Topic | Query, run: str, robot: str = "*") -> str:
     """Key of a topic or query; `robot` is `*` for all of them."""
     return row.key.format(run=run, robot=robot)

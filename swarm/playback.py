@@ -26,7 +26,6 @@ RUN_METADATA = "run"
 COUNTS_METADATA = "recording"
 REPAIR_METADATA = "repair"
 SCENARIO_NAME = "scenario.toml"
-SUMMARY_NAME = "summary.json"
 
 _decoder = msgspec.msgpack.Decoder(TickRecord)
 

@@ -51,6 +51,19 @@ class RobotParameters(_Part, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     goal_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.1
     via_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.5
     controller: Literal["extended", "paper"] = "extended"
+    # kinematic: the wheels are ideal; dynamic: torques, masses and friction, eq. 8 to 16
+    motion: Literal["kinematic", "dynamic"] = "kinematic"
+    mass_kg: Annotated[float, Meta(ge=0.01, le=1e4)] = 12.0
+    inertia_kgm2: Annotated[float, Meta(ge=1e-6, le=1e4)] = 0.28  # I_c, about the centre of mass
+    mass_offset_m: Annotated[float, Meta(ge=-10.0, le=10.0)] = 0.05  # a, ahead of the axle
+    wheel_torque_nm_max: Annotated[float, Meta(gt=0.0, le=1e4)] = 3.0  # of each wheel
+    velocity_gain_1ps: Annotated[float, Meta(gt=0.0, le=100.0)] = 40.0  # wheel loop; 1 / its lag
+    # F_d and tau_d of eq. 16, which the wheel loop does not know: constant parts (1 % of the
+    # weight; half of it at the wheels' 0.17 m), and parts that grow with the speed
+    rolling_friction_n: Annotated[float, Meta(ge=0.0, le=1e4)] = 1.2
+    rolling_damping_nspm: Annotated[float, Meta(ge=0.0, le=1e4)] = 1.0
+    turning_friction_nm: Annotated[float, Meta(ge=0.0, le=1e4)] = 0.1
+    turning_damping_nms: Annotated[float, Meta(ge=0.0, le=1e4)] = 0.05
 
 
 class Robot(RobotParameters, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -163,7 +163,7 @@ class ZenohBus:
         """Receive a topic through a channel of its own."""
         key = messages.key(topic, self.run, robot)
         fifo = self._session.declare_subscriber(key, zenoh.handlers.FifoChannel(QUEUE_MAX))
-        self._channels.append(_Channel(topic, newest, fifo))
+        self._channels.append(_Channel(topic, robot, newest, fifo))
         if len(self._channels) == 1:
             self._waker.start(key.replace("*", "~"))
 
@@ -181,8 +181,7 @@ class ZenohBus:
             payload = sample.payload.to_bytes()
             try:
                 message = messages.decode(channel.topic, payload)
-                if "{robot}" in channel.topic.key:
-                    self._require_own_key(channel.topic, message.robot, str(sample.key_expr))
+                self._require_own_key(channel, message, sample)
                 return Delivery(channel.topic, message)
             except errors.MessageError as error:
                 self._reject(str(error))
@@ -215,9 +214,18 @@ class ZenohBus:
                 sample = later
         return sample
 
-    def _require_own_key(self, topic: Topic, robot: str, key: str) -> None:
-        if messages.key(topic, self.run, robot) != key:
-            raise errors.MessageError(f"{topic.name}: foreign: named '{robot}' on {key}")
+    def _require_own_key(self, channel: _Channel, message: Any, sample: zenoh.Sample) -> None:
+        """Raise MessageError when a message names another robot than its key does."""
+        topic = channel.topic
+        if "{robot}" not in topic.key:
+            return
+        if channel.robot != "*":  # zenoh delivers this key alone
+            if message.robot != channel.robot:
+                raise errors.MessageError(f"{topic.name}: foreign: named '{message.robot}'")
+            return
+        key = messages.key(topic, self.run, message.robot)
+        if str(sample.key_expr) != key:
+            raise errors.MessageError(f"{topic.name}: foreign: named '{message.robot}'")
 
     def _reject(self, reason: str) -> None:
         if len(self._rejected) < 100 or reason in self._rejected:
@@ -304,6 +312,7 @@ class ZenohBus:
 
 class _Channel(NamedTuple):
     topic: Topic
+    robot: str  # * for all
     newest: bool
     fifo: Any  # zenoh.Subscriber with a FIFO channel
 

@@ -38,6 +38,8 @@ ONLY = {
     "foxglove": ("dashboards",),
     "typer": ("swarm.run",),
     "rich": ("swarm.run",),
+    "matplotlib": ("dashboards.figures", "dashboards.drawing"),
+    "jinja2": ("dashboards.page",),
     "psutil": ("swarm.runs", "swarm.run"),
     "setproctitle": ("swarm.lifetime", "swarm.run"),
 }

@@ -1,7 +1,8 @@
 """Everything that is not a robot's mind.
 
 scene        what stands in the world: circles and polygons, drawn or from the seed
-motion       set-point -> twist within the limits -> exact arc
+motion       set-point -> twist within the limits -> exact arc, or dynamics
+dynamics     twist asked for -> wheel torques -> eq. 16 -> twist and pose
 contact      who touches what on the way
 raycast      the lidar: beams against circles, edges and bodies
 radio        who hears whom

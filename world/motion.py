@@ -1,8 +1,8 @@
 """From a set-point to where the body is one tick later, were it alone in the world.
 
-set-point -> speed and turn-rate limits -> acceleration limits -> wheel rims -> twist -> arc
-
-The wheels are ideal: a body does at once what its limits allow.
+set-point -> speed and turn-rate limits -> acceleration limits -> wheel rims -> reached twist
+    kinematic   ideal wheels: it has that twist at once, and goes an exact arc
+    dynamic     it is what the wheel loop steers for: world.dynamics
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from swarm.geometry import STILL, Pose, Twist, advance
 from swarm.messages import Wheels
 from swarm.scenario import RobotParameters
+from world import dynamics
 
 
 def step(
@@ -17,17 +18,19 @@ def step(
 ) -> tuple[Pose, Twist]:
     """Pose and twist after one tick under a set-point.
 
-    The new twist is reached at once and held for the tick (the paper's 0.08 m step is this at
-    1 m/s), so the way is the exact arc of eq. 7.
+    With ideal wheels the new twist is reached at once and held for the tick (the paper's 0.08 m
+    step is this at 1 m/s), so the way is the exact arc of eq. 7.
     """
     if set_point == STILL and twist == STILL:
         return pose, twist
     reached = limited(robot, twist, set_point, dt_s=dt_s)
+    if robot.motion == "dynamic":
+        return dynamics.step(robot, pose, twist, reached, dt_s=dt_s)
     return advance(pose, reached, dt_s), reached
 
 
 def limited(robot: RobotParameters, twist: Twist, set_point: Twist, *, dt_s: float) -> Twist:
-    """The twist a body reaches within one tick.
+    """The twist an ideal body reaches within one tick, and the most a real one is asked for.
 
     The rims come last and scale both parts, which keeps the path's curvature: no wheel ever
     exceeds its speed, and what this takes away only brakes, at worst by the acceleration limit of

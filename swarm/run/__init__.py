@@ -5,4 +5,5 @@ supervisor   one world process, N robot processes, and the person who watches
 lockstep     the same swarm in one process
 replay       every robot again, from a recording
 bench        what it costs
+reproduce    the paper's figures and claims
 """

@@ -232,30 +232,33 @@ def run(
             f"{folder}: expected room for a file, got: {error.strerror}"
         ) from error
     watcher = supervisor.Watcher() if quiet else front.Progress()
-    problem = None
+    launch = supervisor.Plan(
+        scenario=plan,
+        scenario_toml=toml,
+        name=name,
+        folder=folder,
+        router=router,
+        tls=tls,
+        view=view,
+        foxglove=foxglove,
+        stop_after_s=stop_after,
+    )
     try:
-        if bus == "memory":
-            summary, interrupted = _run_in_memory(plan, name, toml, folder, watcher, stop_after)
-        else:
-            ending = supervisor.supervise(
-                supervisor.Plan(
-                    scenario=plan,
-                    scenario_toml=toml,
-                    name=name,
-                    folder=folder,
-                    router=router,
-                    tls=tls,
-                    view=view,
-                    foxglove=foxglove,
-                    stop_after_s=stop_after,
-                ),
-                watcher,
-            )
-            interrupted, problem = ending.interrupted, ending.problem
-            summary = _summary_of(folder, name, "zenoh")
+        summary, interrupted, problem = _conduct(launch, bus, watcher)
     finally:
         watcher.close()
     _report(summary, folder, as_json, problem, interrupted, stop_after)
+
+
+def _conduct(
+    launch: supervisor.Plan, bus: Literal["zenoh", "memory"], watcher: supervisor.Watcher
+) -> tuple[metrics.Summary, bool, str | None]:
+    """Summary of a run, whether it was interrupted, and what went wrong with its processes."""
+    if bus == "memory":
+        return *_run_in_memory(launch, watcher), None
+    ending = supervisor.supervise(launch, watcher)
+    summary = _summary_of(launch.folder, launch.name, bus)
+    return summary, ending.interrupted, ending.problem
 
 
 def _check_scene(plan: scenarios.Scenario) -> None:
@@ -298,15 +301,11 @@ def _check_display(view: str) -> None:
 
 
 def _run_in_memory(
-    plan: scenarios.Scenario,
-    name: str,
-    toml: bytes,
-    folder: Path,
-    watcher: supervisor.Watcher,
-    stop_after_s: float | None,
+    launch: supervisor.Plan, watcher: supervisor.Watcher
 ) -> tuple[metrics.Summary, bool]:
     from swarm.run import lockstep
 
+    name, folder, stop_after_s = launch.name, launch.folder, launch.stop_after_s
     stop = lifetime.Stop()
     interrupted: list[int] = []
 
@@ -325,7 +324,10 @@ def _run_in_memory(
     try:
         card = runs.card_of(runs.run_id(folder), name, "memory", folder)
         watcher.started(card, [])
-        return lockstep.record(plan, name, toml, folder, stop, on_status), bool(interrupted)
+        summary = lockstep.record(
+            launch.scenario, name, launch.scenario_toml, folder, stop, on_status
+        )
+        return summary, bool(interrupted)
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
@@ -615,6 +617,75 @@ def bench(
         benchmarks.show(found)
     if not all(row.ok for row in found.rows):
         raise typer.Exit(1)
+
+
+@app.command()
+def reproduce(
+    names: Annotated[
+        list[str] | None, Argument(metavar="[FIGURE]...", help="fig10 to fig18; all when none.")
+    ] = None,
+    bus: Annotated[
+        Literal["zenoh", "memory"], Option(help="Memory: every run in this process, quicker.")
+    ] = "zenoh",
+    out: Annotated[Path | None, Option(metavar="DIR", help="Folder of pictures and page.")] = None,
+    as_json: Json = False,
+    seeds: Annotated[
+        int | None, Option(min=1, max=100, help="Random fields of Fig. 10 and 11, if not 8.")
+    ] = None,
+) -> None:
+    """Run the paper's experiments again, draw its figures, check its claims.
+
+    Exit code 1 when a claim is not met.
+
+    Example:  swarm reproduce fig13 fig14 --bus memory --out figures
+    """
+    from swarm.run import reproduce as reproduction  # with matplotlib: only who draws pays
+
+    reproduction.check_names(names or [])
+    folder = _reproduction_folder(out)
+    setproctitle.setproctitle("swarm-run")
+
+    def conduct(experiment: reproduction.Experiment, into: Path) -> reproduction.Conducted:
+        name, where, data = read_scenario(experiment.scenario)
+        settings = [*experiment.settings, "recording.mcap=true", "recording.rerun=false"]
+        plan = scenarios.decode(data, where, settings=settings, seed=experiment.seed)
+        toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
+        runs.new_folder(into, name)
+        (into / runs.SCENARIO).write_bytes(toml)
+        launch = supervisor.Plan(scenario=plan, scenario_toml=toml, name=name, folder=into)
+        summary, interrupted, problem = _conduct(launch, bus, supervisor.Watcher())
+        if interrupted:
+            raise KeyboardInterrupt
+        return reproduction.Conducted(summary, problem)
+
+    found = reproduction.run(
+        names or [],
+        conduct,
+        folder,
+        bus=bus,
+        seeds=reproduction.SEEDS if seeds is None else seeds,
+        progress=front.say,
+    )
+    if as_json:
+        _print_json(found)
+    else:
+        reproduction.show(found)
+    for problem in found.problems:
+        front.say(f"swarm: {problem}")
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+def _reproduction_folder(out: Path | None) -> Path:
+    """Folder for figures; raises UsageError when some are there already."""
+    if out is not None and out.is_dir() and any(out.iterdir()):
+        raise errors.UsageError(
+            f"--out {out}: expected an empty folder or none, got one with files in it; "
+            "choose another or remove it"
+        )
+    folder = runs.new_folder(out, "reproduce")
+    (folder / runs.LOGS).rmdir()  # every run inside has its own
+    return folder
 
 
 @app.command()

@@ -95,7 +95,9 @@ def _table(status: Status) -> Group:
         f"{status.scenario}: {time_s:.1f} s of at most {status.duration_s:g} s, "
         f"{status.real_time_factor:.1f} x real time"
     )
-    return Group(head, ProgressBar(total=status.duration_s, completed=time_s, width=60), table)
+    bar = Table.grid()  # a bare bar would not end its line
+    bar.add_row(ProgressBar(total=status.duration_s, completed=time_s, width=60))
+    return Group(head, bar, table)
 
 
 def _cells(row: RobotStatus) -> tuple[Text, ...]:

@@ -32,7 +32,8 @@ from swarm import errors, messages, runs, zenoh_bus
 from swarm.messages import CONTROL, EVENT, PROCESS, STATUS, ControlRequest, Event, Reply, Status
 from swarm.scenario import Scenario
 
-PRELOAD = ["swarm.run.supervisor"]  # and with it numpy, zenoh, msgspec, agents and world
+# the first brings numpy, zenoh, msgspec, agents and world, the last freezes what is there
+PRELOAD = ["swarm.run.supervisor", "swarm.run.preload"]
 WORLD = "world"
 SUPERVISOR = "supervisor"
 POLL_S = 0.1
@@ -120,8 +121,8 @@ class _Supervisor:
         bus = None
         try:
             ports = Ports(
-                rerun=None if self._plan.view == "none" else _free_port(),
-                foxglove=_free_port() if self._plan.foxglove else None,
+                rerun=None if self._plan.view == "none" else free_port(),
+                foxglove=free_port() if self._plan.foxglove else None,
             )
             bus, endpoint = self._launch(ports)
             if bus is not None:
@@ -150,7 +151,7 @@ class _Supervisor:
         plan = self._plan
         for _ in range(PORT_TRIES):
             scheme = "tls" if plan.tls else "tcp"
-            endpoint = plan.router or f"{scheme}/127.0.0.1:{_free_port()}"
+            endpoint = plan.router or f"{scheme}/127.0.0.1:{free_port()}"
             self._start_children(endpoint, ports)
             bus = self._join(endpoint)
             if bus is not None or self._signals:
@@ -167,7 +168,7 @@ class _Supervisor:
         plan, logs = self._plan, self._plan.folder / runs.LOGS
         self._children.clear()
         self._ended.clear()
-        with _without_main():
+        with without_main():
             self._start(
                 WORLD,
                 world.process.main,
@@ -236,7 +237,7 @@ class _Supervisor:
         if self._plan.view == "native":
             command, shown = live.native_command(uri), uri
         else:
-            web_port = _free_port()
+            web_port = free_port()
             command, shown = live.web_command(web_port, uri), live.web_address(web_port, uri)
         try:
             with (self._plan.folder / runs.LOGS / "viewer.log").open("wb") as log:
@@ -366,7 +367,7 @@ def _exit_with(main: Callable[[msgspec.Struct], int], arguments: msgspec.Struct)
 
 
 @contextlib.contextmanager
-def _without_main() -> Iterator[None]:
+def without_main() -> Iterator[None]:
     """Hide `__main__`: multiprocessing would import the command line again in every child."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = types.ModuleType("__main__")
@@ -376,7 +377,7 @@ def _without_main() -> Iterator[None]:
         sys.modules["__main__"] = main
 
 
-def _free_port() -> int:
+def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

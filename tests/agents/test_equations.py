@@ -45,7 +45,8 @@ def rows() -> list[Row]:
 
 @cache
 def names_in(file: str) -> set[str]:
-    tree = ast.parse((TESTS / file).read_text())
+    path = TESTS.parent / file if "/" in file else TESTS / file
+    tree = ast.parse(path.read_text())
     return {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 

@@ -160,7 +160,7 @@ def test_step_is_pure_and_state_survives_the_wire(seed: int) -> None:
 
 # --- nothing but finite numbers within the limits ever leaves -----------------------------------
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
+finite = st.floats(-1e12, 1e12)  # what the decoder lets through
 near = st.floats(-3.0, 3.0) | st.sampled_from([0.0, 5e-324, -1e-12]) | finite
 poses = st.builds(Pose, near, near, st.floats(-pi, pi, exclude_max=True) | finite)
 twists = st.builds(Twist, near, near)

@@ -9,6 +9,8 @@ import math
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,12 +26,15 @@ from swarm.run.bench import figures, processes, rehearsal
 
 END_S = 30.0  # for things to be gone; the product's own limit is well below
 
-BARRIER = ("bare", "whole", "whole, recorded", "whole less own", "whole, growth")
+BARRIER = (
+    *("bare", "whole", "whole, recorded", "whole, growth"),
+    *("whole less own", "whole less own alone", "own"),
+)
 PARTS = ("step", "sense", "move", "record", "metrics", "encode", "decode")
 ROLES = ("leader", "follower FORM", "follower AVOID", "alone")
 ROWS = {
     *(f"barrier: {what}" for what in BARRIER),
-    *(f"barrier: of it {part}" for part in PARTS),
+    *(f"barrier: {part} alone" for part in PARTS),
     *(
         f"step: {role}, {controller}{longest}"
         for role in ROLES
@@ -85,13 +90,20 @@ def test_bench_exits_1_only_when_a_budget_is_broken_and_not_tiny(
     def broken(*, tiny: bool, progress: bench.Progress) -> tuple[figures.Row, ...]:
         return (figures.at_most("step: slow", 6, [200.0], "us", 100.0),)
 
-    monkeypatch.setitem(bench.BENCHMARKS, "step", broken)
+    monkeypatch.setattr(bench, "benchmarks", lambda: {"step": broken})
     full = commands.here(monkeypatch, capsys, tmp_path, "bench step")
     assert full.returncode == 1
     assert "figure <= 100 BROKEN" in full.stdout
     tiny = commands.here(monkeypatch, capsys, tmp_path, "bench step --tiny")
     assert tiny.returncode == 0
     assert "BROKEN" not in tiny.stdout
+
+
+def test_what_children_load_is_free_of_viewers() -> None:
+    names = ", ".join(processes.PRELOAD)
+    code = f"import sys, {names}; print({{'rerun', 'rich'}} & set(sys.modules))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (result.stdout.strip(), result.stderr) == ("set()", "")
 
 
 # --- figures ------------------------------------------------------------------------------------
@@ -161,7 +173,9 @@ def test_meter_sends_windows_that_begin_after_settling(monkeypatch: pytest.Monke
     monkeypatch.setattr(processes, "cpu_s", lambda pids: 3.0 * now_s)
     near, far = multiprocessing.Pipe()
     near.send_bytes(msgspec.msgpack.encode([11, 12, 13]))
-    meter = processes.Meter(far, windows=2, window_s=1.0, settle_s=0.5, now=lambda: now_s)
+    meter = processes.Meter(
+        far, windows=2, window_s=1.0, settle_s=0.5, own=lambda: 2.0 * now_s, now=lambda: now_s
+    )
     numbers = []
     for tick in range(40):  # 0.25 s a tick; the 20th is the first that counts
         numbers.append(meter.number)
@@ -172,9 +186,10 @@ def test_meter_sends_windows_that_begin_after_settling(monkeypatch: pytest.Monke
     # settle 20 to 22, window 22 to 26, settle to 28, window to 32
     assert tick == 32
     assert [numbers.index(number) for number in (0, 1)] == [0, 27]
+    window = processes.Window(robots=2, ticks=4, cpu_s=3.0, own_s=2.0, wall_s=1.0)
     windows = msgspec.msgpack.decode(near.recv_bytes(), type=tuple[processes.Window, ...])
-    assert windows == (processes.Window(robots=2, ticks=4, cpu_s=3.0, wall_s=1.0),) * 2
-    assert windows[0].cpu_us == 375_000.0  # 3 s over 2 robots and 4 ticks
+    assert windows == (window,) * 2
+    assert (window.cpu_us, window.own_us) == (375_000.0, 250_000.0)  # of 2 robots, 4 ticks
 
 
 def ignore_and_wait(log: Path, words: str) -> None:
@@ -216,7 +231,10 @@ def test_windows_says_who_ended_and_its_last_words() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_bench_leaves_no_process_when_it_is_ended(folder: Path, number: signal.Signals) -> None:
+def test_bench_leaves_no_process_when_it_is_ended(
+    folder: Path, number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(folder))  # a killed one cannot remove its folder
     process = commands.start(folder, "bench", "barrier")
     commands.until(lambda: len(commands.named(folder, "swarm-robot")) == 6, END_S, "six robots")
     process.send_signal(number)

@@ -21,7 +21,7 @@ MakeTicks = Callable[..., tuple[TickRecord, ...]]
 MakeScenario = Callable[[int], Scenario]
 
 ROBOTS = 6
-COUNT = 120  # two batches and a bit
+COUNT = 220  # two batches and a bit
 
 
 def record_run(
@@ -116,7 +116,7 @@ def test_run_goes_on_when_the_folder_is_not_there(
 def test_run_goes_on_when_the_disk_is_full(
     made_ticks: MakeTicks, made_scenario: MakeScenario
 ) -> None:
-    viewer = record_run(made_scenario(2), made_ticks(2, 60), Path("/dev/full"))
+    viewer = record_run(made_scenario(2), made_ticks(2, 120), Path("/dev/full"))
     assert viewer.failure is not None
     assert "No space left on device" in viewer.failure
 

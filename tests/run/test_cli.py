@@ -8,7 +8,7 @@ import os
 import socket
 import subprocess
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -26,16 +26,11 @@ VERBS = [
     "verify",
     "replay",
     "bench",
+    "reproduce",
     "world",
     "robot",
     "version",
 ]
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Iterator[Path]:
-    yield tmp_path
-    processes.end_all(tmp_path)
 
 
 Here = Callable[[str], subprocess.CompletedProcess[str]]
@@ -90,6 +85,7 @@ BAD_LINES = {
     "validate missing.toml": "missing.toml",
     "frobnicate": "frobnicate",
     "bench nothing-of-the-kind": "nothing-of-the-kind",
+    "reproduce fig13 fig9": "expected some of fig10, fig11, fig12",
 }
 
 

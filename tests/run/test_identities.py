@@ -27,12 +27,6 @@ SCENARIOS = ("two-obstacles", "random-field")
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Iterator[Path]:
-    yield tmp_path
-    processes.end_all(tmp_path)
-
-
-@pytest.fixture
 def burning() -> Iterator[None]:
     """Two processes that take all the time of both cores they can get."""
     burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]

@@ -6,7 +6,6 @@ import random
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -19,12 +18,6 @@ from swarm import errors, messages, recording, runs, zenoh_bus
 RATE = 8.0  # x real time, so that a run lasts about 5 s
 DT_S = 0.08
 FLUSH_S = 0.5  # wall
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Iterator[Path]:
-    yield tmp_path
-    processes.end_all(tmp_path)
 
 
 def tick_now(folder: Path) -> int | None:

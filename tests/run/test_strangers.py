@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,12 +16,6 @@ from tests.run import processes
 from tests.swarm.test_bus import GARBAGE
 
 DURATION_S = "8"
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Iterator[Path]:
-    yield tmp_path
-    processes.end_all(tmp_path)
 
 
 def card_in(folder: Path) -> runs.Card | None:

@@ -46,7 +46,6 @@ def write(path: Path, ticks: Ticks, *, close: bool = True, extra: bool = True) -
     for record in ticks:
         writer.write(record)
     if close:
-        writer.finish(b'{"outcome": "succeeded"}')
         writer.close()
     return writer
 
@@ -105,7 +104,7 @@ def test_file_is_read_by_mcap_itself(ticks: Ticks, tmp_path: Path) -> None:
     assert [message.sequence for _, _, message in rows] == list(range(COUNT))
     assert [message.log_time for _, _, message in rows] == [tick.stamp_ns for tick in ticks]
     assert metadata["run"] == METADATA
-    assert attached == {"scenario.toml": SCENARIO, "summary.json": b'{"outcome": "succeeded"}'}
+    assert attached == {"scenario.toml": SCENARIO}
     assert messages_read_by_mcap(tmp_path / "run.mcap") == {"tick": COUNT, "even": COUNT // 2}
 
 
@@ -228,7 +227,6 @@ def test_close_names_what_is_lost_when_the_disk_stays_full(
     small_disk(size + 100)
     for record in ticks[12:]:
         writer.write(record)
-    writer.finish(b"{}")
     counts = writer.close()
     small_disk(resource.RLIM_INFINITY)
     assert counts.topics[0] == recording.TopicCount("tick", 30, 30, 12, 18)

@@ -27,6 +27,7 @@ def test_scenarios_hold_those_of_the_paper() -> None:
     assert set(NAMES) >= {
         "empty",
         "head-on-pairs",
+        "head-on-star",
         "random-field",
         "single-robot",
         "three-obstacles",

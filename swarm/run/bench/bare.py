@@ -46,7 +46,7 @@ def measure(
     """One window of a barrier with the payloads of a real one."""
     with processes.Children() as children:
         barrier = Barrier(
-            endpoint=f"tcp/127.0.0.1:{supervisor._free_port()}",
+            endpoint=f"tcp/127.0.0.1:{supervisor.free_port()}",
             folder=children.folder,
             bench_pid=os.getpid(),
             frame_bytes=frame_bytes,
@@ -74,8 +74,9 @@ def world(barrier: Barrier, window_s: float, end: Connection) -> None:
             (_publisher(session, f"bare/frame/{row}"), bytes(size))
             for row, size in enumerate(barrier.frame_bytes)
         ]
-        for _ in frames:
-            tokens.recv()
+        alive: set[str] = set()  # one that comes while we ask who is there is told of twice
+        while len(alive) < len(frames):
+            alive.add(str(tokens.recv().key_expr))
         meter = processes.Meter(end, windows=1, window_s=window_s, settle_s=0.0)
         tick = 0
         while not meter.look(tick):

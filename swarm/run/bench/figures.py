@@ -7,6 +7,7 @@ same rounds is what counts; a bare figure means something only beside `Machine.c
 from __future__ import annotations
 
 import importlib.metadata
+import math
 import os
 import platform
 import statistics
@@ -72,13 +73,14 @@ def row(
     budget: float | None = None,
     bound: Bound | None = None,
 ) -> Row:
-    """Row of the rounds' values: medians, or the best round where a budget bounds the figure.
+    """Row of the rounds' values: medians, or the best round where it is the figure that is bound.
 
-    An absolute figure is compared with its budget on its best round, because whatever else runs on
-    the machine can only make it worse; a ratio is compared as the median.
+    An absolute figure is that of its best round, because whatever else runs on the machine can
+    only make it worse; a ratio is the median.
 
     Args:
         floors: of the same rounds, one for each value; none without a floor.
+        budget: None where the size is not the one that the budget is for.
     """
     figure = statistics.median(values)
     if bound == "figure <=":
@@ -109,28 +111,32 @@ def row(
         over=over,
         ratio=ratio,
         budget=budget,
-        bound=bound,
+        bound=None if budget is None else bound,
         ok=ok,
     )
 
 
-def at_most(name: str, size: int, values: Sequence[float], unit: str, budget: float) -> Row:
-    """Row whose figure has an upper bound."""
+def at_most(name: str, size: int, values: Sequence[float], unit: str, budget: float | None) -> Row:
+    """Row of an absolute figure, the less the better."""
     return row(name, size, values, unit, budget=budget, bound="figure <=")
 
 
 def calibrate() -> float:
-    """Seconds of a fixed loop of plain Python, best of some: the speed of this machine."""
-    return min(_calibration_s() for _ in range(CALIBRATION_PASSES))
+    """Seconds of the calibrating loop, best of some: the speed of this machine now."""
+    best_s = math.inf
+    for _ in range(CALIBRATION_PASSES):
+        begin_s = time.thread_time()
+        loop(CALIBRATION_ADDITIONS)
+        best_s = min(best_s, time.thread_time() - begin_s)
+    return best_s
 
 
-def _calibration_s() -> float:
-    begin_s = time.perf_counter()
+def loop(additions: int) -> float:
+    """Fixed work in plain Python."""
     total = 0.0
-    for number in range(CALIBRATION_ADDITIONS):
+    for number in range(additions):
         total += number * 0.5
-    assert total > 0.0
-    return time.perf_counter() - begin_s
+    return total
 
 
 def machine() -> Machine:

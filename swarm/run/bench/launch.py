@@ -33,6 +33,7 @@ BUDGET_SIZE_MIN = 50  # a few robots have fewer to share their pages with
 TIMEOUT_S = 60.0  # wall; a swarm that has not ticked by then is a failure
 END_S = 10.0  # from the request to stop to SIGKILL; the supervisor needs at most half of it
 POLL_S = 0.005
+STDERR = "stderr"  # file name
 
 
 class Launch(msgspec.Struct, frozen=True):
@@ -50,15 +51,23 @@ def measure(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
         for number in range(rounds):
             progress(f"launch: {size} robots, round {number + 1} of {rounds}")
             seen.append(launch(size))
-        first_s = [one.first_tick_s for one in seen]
-        pss_mb = [one.pss_mb for one in seen]
-        first, memory = "launch: first tick", "launch: memory of a robot"
-        if size >= BUDGET_SIZE_MIN:
-            rows.append(figures.at_most(first, size, first_s, "s", FIRST_TICK_S_MAX))
-            rows.append(figures.at_most(memory, size, pss_mb, "MB", PSS_MB_MAX))
-        else:
-            rows.append(figures.row(first, size, first_s, "s"))
-            rows.append(figures.row(memory, size, pss_mb, "MB"))
+        budgeted = size >= BUDGET_SIZE_MIN
+        rows += [
+            figures.at_most(
+                "launch: first tick",
+                size,
+                [one.first_tick_s for one in seen],
+                "s",
+                FIRST_TICK_S_MAX if budgeted else None,
+            ),
+            figures.at_most(
+                "launch: memory of a robot",
+                size,
+                [one.pss_mb for one in seen],
+                "MB",
+                PSS_MB_MAX if budgeted else None,
+            ),
+        ]
     return tuple(rows)
 
 
@@ -78,14 +87,16 @@ def _swarm_run(size: int, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     Should we be killed, `--stop-after` ends it.
     """
     options = ["--robots", size, "--rate", 1, "--duration", 1000, "--stop-after", TIMEOUT_S]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "swarm.run.cli", "run", SCENARIO, "--quiet", "--out", str(folder)]
-        + [str(option) for option in options],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=(folder / "stderr").open("wb"),
-        start_new_session=True,
-    )
+    command = [sys.executable, "-m", "swarm.run.cli", "run", SCENARIO, "--quiet"]
+    command += ["--out", str(folder), *(str(option) for option in options)]
+    with (folder / STDERR).open("wb") as stderr:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=stderr,
+            start_new_session=True,
+        )
     try:
         yield process
     finally:
@@ -121,7 +132,7 @@ def _card(process: subprocess.Popen[bytes], folder: Path, deadline_s: float) -> 
         with contextlib.suppress(FileNotFoundError, msgspec.DecodeError):  # not there, or not whole
             return msgspec.json.decode((folder / runs.CARD).read_bytes(), type=runs.Card)
         time.sleep(POLL_S)
-    said = (folder / "stderr").read_text(errors="replace").strip().splitlines()
+    said = (folder / STDERR).read_text(errors="replace").strip().splitlines()
     raise errors.SwarmError(
         f"bench: expected `swarm run` to come up, got exit code {process.poll()}"
         f"{': ' + said[-1] if said else ''}"

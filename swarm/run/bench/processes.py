@@ -28,6 +28,8 @@ import psutil
 from swarm import errors
 from swarm.run import supervisor
 
+# what those of a measurement are made of, then what the children of any run have loaded
+PRELOAD = ["swarm.run.bench.bare", "swarm.run.bench.system", *supervisor.PRELOAD]
 RESULT_S = 90.0  # wall, launch included; then the measurement has failed
 END_S = 2.0  # from SIGTERM to SIGKILL
 WARM_UP_TICKS = 20  # before the first window; robots meet, caches fill
@@ -39,12 +41,18 @@ class Window(msgspec.Struct, frozen=True, array_like=True):
     robots: int
     ticks: int
     cpu_s: float  # user and system, of all processes and threads
+    own_s: float  # of it, what the cores needed; zero where there are none
     wall_s: float
 
     @property
     def cpu_us(self) -> float:
-        """Per robot and tick."""
+        """All of it, per robot and tick."""
         return 1e6 * self.cpu_s / (self.ticks * self.robots)
+
+    @property
+    def own_us(self) -> float:
+        """The cores', per robot and tick."""
+        return 1e6 * self.own_s / (self.ticks * self.robots)
 
 
 _decoder = msgspec.msgpack.Decoder(tuple[Window, ...])
@@ -59,18 +67,24 @@ class Meter:
         windows: int,
         window_s: float,
         settle_s: float,
+        own: Callable[[], float] = lambda: 0.0,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`settle_s` is left out before each window, where what `number` decides has changed."""
+        """`settle_s` is left out before each window, where what `number` decides has changed.
+
+        Args:
+            own: CPU seconds that the cores of all processes have needed so far.
+        """
         self.number = 0  # of the window at hand, or being settled for
         self._end = end
         self._windows = windows
         self._window_s = window_s
         self._settle_s = settle_s
+        self._own = own
         self._now = now
         self._pids: list[int] = []
         self._due_s = 0.0
-        self._begin: tuple[int, float, float] | None = None
+        self._begin: tuple[int, float, float, float] | None = None
         self._done: list[Window] = []
 
     def look(self, tick: int) -> bool:
@@ -83,14 +97,20 @@ class Meter:
             self._due_s = now_s + self._settle_s
         if self._begin is None:
             if now_s >= self._due_s:
-                self._begin = (tick, cpu_s(self._pids), self._now())
+                self._begin = (tick, cpu_s(self._pids), self._own(), self._now())
             return False
-        begin_tick, begin_cpu_s, begin_s = self._begin
+        begin_tick, begin_cpu_s, begin_own_s, begin_s = self._begin
         if now_s - begin_s < self._window_s:
             return False
-        spent_s = cpu_s(self._pids) - begin_cpu_s
-        robots = len(self._pids) - 1
-        self._done.append(Window(robots, tick - begin_tick, spent_s, now_s - begin_s))
+        self._done.append(
+            Window(
+                robots=len(self._pids) - 1,
+                ticks=tick - begin_tick,
+                cpu_s=cpu_s(self._pids) - begin_cpu_s,
+                own_s=self._own() - begin_own_s,
+                wall_s=now_s - begin_s,
+            )
+        )
         self._begin, self._due_s = None, now_s + self._settle_s
         self.number += 1
         if self.number == self._windows:
@@ -124,7 +144,7 @@ class Children:
 
     def __init__(self) -> None:
         self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(supervisor.PRELOAD)
+        self._context.set_forkserver_preload(PRELOAD)
         self._children: list[ForkServerProcess] = []
         self._end, self.child_end = self._context.Pipe()
         self._folder = tempfile.TemporaryDirectory(prefix="swarm-bench-")
@@ -141,7 +161,7 @@ class Children:
         """Start one; the Connection of `child_end` may be among the arguments."""
         child = self._context.Process(target=main, args=arguments, name=name)
         self._children.append(child)
-        with supervisor._without_main():
+        with supervisor.without_main():
             child.start()
 
     def windows(self) -> tuple[Window, ...]:
