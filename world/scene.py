@@ -17,6 +17,7 @@ from swarm.scenario import Obstacle, RandomObstacles, Scenario
 
 STREAM_OBSTACLES = 1  # second half of the Philox key; every purpose of the world has its own
 TRIES_MAX = 2000  # draws per obstacle; at the bound the field is taken to be too full
+TINY_M2 = 1e-300  # keeps a division by an edge's squared length finite
 
 
 class Scene(msgspec.Struct, frozen=True, eq=False):
@@ -37,7 +38,7 @@ def obstacles(scenario: Scenario) -> tuple[Obstacle, ...]:
     for number, obstacle in enumerate(scenario.obstacles):
         if obstacle.polygon is not None and _crosses_itself(obstacle.polygon):
             raise errors.ScenarioError(
-                f"{scenario.title}: expected obstacles[{number}].polygon with corners in order, "
+                f"obstacles[{number}].polygon: expected corners in order, "
                 "got edges that touch or cross each other"
             )
     drawn: tuple[Obstacle, ...] = ()
@@ -49,7 +50,7 @@ def obstacles(scenario: Scenario) -> tuple[Obstacle, ...]:
         gap_m = float(clearance(scene, np.array([robot.start[:2]]))[0]) - robot.body_radius_m
         if gap_m <= 0.0:
             raise errors.ScenarioError(
-                f"{scenario.title}: expected '{robot.name}' to start clear of every obstacle, "
+                f"robots: expected '{robot.name}' to start clear of every obstacle, "
                 f"got {gap_m:.3f} m between them; move its start or the obstacle"
             )
     return every
@@ -92,6 +93,7 @@ def clearance(scene: Scene, points_m: Floats) -> Floats:
         ax_m, ay_m, bx_m, by_m = scene.edges.T
         along_x_m, along_y_m = bx_m - ax_m, by_m - ay_m
         squared_m2 = along_x_m * along_x_m + along_y_m * along_y_m
+        squared_m2 = np.maximum(squared_m2, TINY_M2)  # an edge between equal corners is a point
         dx_m, dy_m = x_m - ax_m, y_m - ay_m
         share = np.clip((dx_m * along_x_m + dy_m * along_y_m) / squared_m2, 0.0, 1.0)
         off_x_m, off_y_m = dx_m - share * along_x_m, dy_m - share * along_y_m
@@ -132,7 +134,7 @@ def _draw(scenario: Scenario, wanted: RandomObstacles) -> tuple[Obstacle, ...]:
     while len(drawn) < wanted.count:
         if tries_left == 0:
             raise errors.ScenarioError(
-                f"{scenario.title}: expected random_obstacles that fit, got {len(drawn)} of "
+                f"random_obstacles: expected circles that fit, got {len(drawn)} of "
                 f"{wanted.count} into the area after {TRIES_MAX * wanted.count} tries; lower "
                 "count, radius_m, gap_m_min or keep_clear_m, or widen area"
             )

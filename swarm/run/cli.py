@@ -125,9 +125,7 @@ def validate(
         try:
             name, where, data = read_scenario(text)
             plan = scenarios.decode(data, where)
-            import world.scene  # drawing random obstacles can fail, too
-
-            world.scene.obstacles(plan)
+            _check_scene(plan, where)
             rows.append({"file": text, "ok": True, "name": name, "robots": len(plan.robots)})
         except errors.ScenarioError as error:
             rows.append({"file": text, "ok": False, "error": str(error)})
@@ -213,7 +211,7 @@ def run(
         seed=seed,
         duration_s=duration,
     )
-    _check_scene(plan)
+    _check_scene(plan, where)
     _check_flags(plan, bus, view != "none" or foxglove, router, tls)
     _check_display(view)
     toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
@@ -261,10 +259,14 @@ def _conduct(
     return summary, ending.interrupted, ending.problem
 
 
-def _check_scene(plan: scenarios.Scenario) -> None:
-    from world import scene  # obstacles that do not fit are the scenario's fault
+def _check_scene(plan: scenarios.Scenario, where: str) -> None:
+    """Raise ScenarioError, with the file, when obstacles cannot stand where they should."""
+    from world import scene
 
-    scene.obstacles(plan)
+    try:
+        scene.obstacles(plan)
+    except errors.ScenarioError as error:
+        raise errors.ScenarioError(f"{where}: {error}") from error
 
 
 def _check_flags(
@@ -546,7 +548,7 @@ def world_(
 
     name, where, data = read_scenario(scenario)
     plan = scenarios.decode(data, where, settings=settings or [], robots=robots)
-    _check_scene(plan)
+    _check_scene(plan, where)
     toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
     folder = runs.new_folder(out, name)
     (folder / runs.SCENARIO).write_bytes(toml)

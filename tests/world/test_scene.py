@@ -78,7 +78,7 @@ def test_obstacles_are_refused_when_a_robot_starts_in_one() -> None:
     ],
 )
 def test_obstacles_are_refused_when_a_polygon_meets_itself(corners: str) -> None:
-    with pytest.raises(errors.ScenarioError, match=r"obstacles\[0\]\.polygon with corners in"):
+    with pytest.raises(errors.ScenarioError, match=r"obstacles\[0\]\.polygon: expected corners in"):
         scene.obstacles(scenario(ROBOT + f"[[obstacles]]\npolygon = {corners}\n"))
 
 
