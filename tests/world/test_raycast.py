@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from math import cos, inf, pi, sin, sqrt
 
 import numpy as np
@@ -19,7 +20,12 @@ Corners = tuple[tuple[float, float], ...]
 
 coordinates = st.floats(-6.0, 6.0)
 circles = st.tuples(coordinates, coordinates, st.floats(0.05, 3.0))
-triangles = st.tuples(*[st.tuples(coordinates, coordinates)] * 3)
+triangles = st.tuples(*[st.tuples(coordinates, coordinates)] * 3).filter(
+    # Scenarios refuse corners that coincide; edges without length have no direction.
+    lambda corners: all(
+        abs(a[0] - b[0]) + abs(a[1] - b[1]) > 1e-3 for a, b in itertools.combinations(corners, 2)
+    )
+)
 yaws = st.floats(-pi, pi, exclude_max=True)
 
 
