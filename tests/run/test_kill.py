@@ -85,8 +85,17 @@ def test_nothing_is_left_and_the_recording_reads_when_killed(
 ) -> None:
     choice = random.Random(f"{what}-{kill}")
     run = processes.start(
-        folder, "run", "two-obstacles", "--rate", str(RATE), "--out", "out", "--quiet"
-    )
+        folder,
+        "run",
+        "two-obstacles",
+        "--rate",
+        str(RATE),
+        "--duration",
+        "36",
+        "--out",
+        "out",
+        "-q",
+    )  # without a leader it would last until the scenario's time is up
     delay_s = choice.uniform(0.1, 5.0)
     deadline_s = time.monotonic() + delay_s
     processes.until(
