@@ -95,7 +95,8 @@ def share(
                     continue
                 if worker.process.exitcode is not None:
                     end.close()
-                    worker = crew[crew.index(worker)] = _Worker(work, crew.index(worker) + 1)
+                    place = crew.index(worker)
+                    worker = crew[place] = _Worker(work, place + 1)
                 worker.give(job)
     finally:
         _end(crew)
