@@ -113,6 +113,7 @@ def test_bench_navigation_refuses_damaged_data(tmp_path: Path) -> None:
         ("bench navigation --controllers fast", "--controllers: expected some of paper, extended"),
         ("bench navigation --seeds 9-2", "--seeds: expected A-B with A <= B"),
         ("bench navigation --seeds 1-", "--seeds: expected A-B"),
+        ("bench navigation --families traps --seeds 9", "--seeds: expected some of the instances"),
         ("bench step --seeds 1-2", "--seeds: expected `swarm bench navigation` alone, got step"),
         ("bench step navigation", "or navigation alone, got 'navigation'"),
     ],
@@ -445,6 +446,7 @@ def test_a_crash_is_reported_and_fails_the_bench(
     line = f"bench navigation --families pairs --controllers paper --out {tmp_path / 'out'}"
     result = commands.here(monkeypatch, capsys, tmp_path, line)
     assert result.returncode == 1
+    assert "CRASHED: 1 runs" in result.stdout
     assert "pairs lanes 0 paper: crashed, 0 of 6 arrived, ValueError: no way" in result.stdout
 
 

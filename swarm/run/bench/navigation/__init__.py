@@ -21,6 +21,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
+import shlex
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -114,6 +115,11 @@ def plan(
     numbers = {
         (group.family, group.size): range(1) if tiny else _numbers(group, asked) for group in groups
     }
+    if not any(numbers.values()) and groups:
+        raise errors.UsageError(
+            f"--seeds: expected some of the instances of {', '.join(wanted)}, got '{seeds}', where "
+            "there are none; they are numbered from 0"
+        )
     return Plan(
         groups=tuple(groups),
         numbers=numbers,
@@ -167,7 +173,7 @@ def _written(plan: Plan, worst: Iterable[Run], out: Path | None) -> tuple[Worst,
         path = folder / f"{case.name}-{run.controller}.toml"
         table = scenarios.to_builtins(cases.under(case, run.controller))
         path.write_bytes(tomli_w.dumps(table).encode())
-        near = os.path.relpath(path)
+        near = shlex.quote(os.path.relpath(path))
         shown.append(Worst(run=run, command=f"swarm run {near} --view web"))
     return tuple(shown)
 

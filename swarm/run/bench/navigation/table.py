@@ -104,6 +104,9 @@ def _notes(found: Navigation) -> list[str]:
         lines.append(peers.BARN_NOTE)
     if found.tiny:
         lines.append("tiny: one short run per family, nothing is expected of them")
+    crashes = sum(run.outcome == "crashed" for run in found.runs)
+    if crashes:
+        lines.append(f"CRASHED: {crashes} runs, which are in no other column")
     missed = [row for row in found.rows if row.met is False]
     if missed:
         names = ", ".join(f"{row.family} {row.size}" for row in missed)
@@ -124,13 +127,12 @@ def _cells(row: Row, *, named: bool) -> tuple[Text, ...]:
     if row.met is not None:
         verdict = Text(f"{_percent(row.expected)} ")
         verdict.append("met" if row.met else "NOT MET", "green" if row.met else "bold red")
-    hit = row.collided + row.crashed
     return (
         Text(f"{row.family} {row.size}" if named else ""),
         Text(row.controller),
         Text(str(row.runs)),
         Text(_percent(row.success), "green" if row.success == 1.0 else ""),
-        Text(_percent(hit), "bold red" if hit else ""),
+        Text(_percent(row.collided), "bold red" if row.collided else ""),
         Text(_percent(row.timeout)),
         Text(_percent(row.blocked)),
         Text(f"{_metres(row.clearance_m_worst)} / {_metres(row.clearance_m_median)}"),
