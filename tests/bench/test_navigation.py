@@ -233,11 +233,14 @@ def test_u_shape_is_hollow_towards_the_robot() -> None:
     )
 
 
-def test_gate_lets_one_body_through_and_no_more() -> None:
+def test_gate_lets_one_body_through_and_nobody_round() -> None:
     for make, width_m in ((encounters.door, 1.0), (encounters.corridor, 0.8)):
-        standing = scene.build(make(0).scenario.obstacles)
+        plan = make(0).scenario
+        standing = scene.build(plan.obstacles)
         centre = np.array([[0.0, 0.0]])
         assert scene.clearance(standing, centre)[0] == pytest.approx(width_m / 2.0)
+        around_m = 2.0 * (encounters.WALL_REACH_M - encounters.PLATOON_ASIDE_M)
+        assert around_m > plan.duration_s * plan.robots[0].speed_mps_max
 
 
 def test_public_cases_keep_the_benchmarks_own_rules(folder: Path) -> None:
