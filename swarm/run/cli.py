@@ -604,20 +604,80 @@ def bench(
     tiny: Annotated[
         bool, Option("--tiny", help="Smallest sizes, to see that all of it runs.")
     ] = False,
+    families: Annotated[
+        str | None, Option(metavar="A,B", help="navigation: which families of runs.")
+    ] = None,
+    controllers: Annotated[
+        str | None, Option(metavar="A,B", help="navigation: paper, extended or both.")
+    ] = None,
+    seeds: Annotated[
+        str | None, Option(metavar="A-B", help="navigation: which instances of each family.")
+    ] = None,
+    data: Annotated[
+        Path | None, Option(metavar="DIR", help="navigation: where public benchmark data is.")
+    ] = None,
+    out: Annotated[
+        Path | None, Option(metavar="DIR", help="navigation: folder for the worst runs' scenarios.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure what a swarm costs, as ratios within one run.
+    """Measure what a swarm costs, as ratios within one run; or how well it finds its way.
+
+    `navigation` is asked for by name: its full size takes hours. It fails only when a run crashes.
 
     Example:  swarm bench barrier step
+
+    Example:  swarm bench navigation --families pairs,traps
     """
     from swarm.run import bench as benchmarks
 
+    if names == [benchmarks.NAVIGATION]:
+        _bench_navigation(families, controllers, seeds, data, out, tiny, as_json)
+        return
+    for flag, value in (
+        ("--families", families),
+        ("--controllers", controllers),
+        ("--seeds", seeds),
+        ("--data", data),
+        ("--out", out),
+    ):
+        if value is not None:
+            raise errors.UsageError(
+                f"{flag}: expected `swarm bench {benchmarks.NAVIGATION}` alone, "
+                f"got {' '.join(names or []) or 'no name'}"
+            )
     found = benchmarks.run(names or [], tiny=tiny, progress=front.say)
     if as_json:
         _print_json(found)
     else:
         benchmarks.show(found)
     if not all(row.ok for row in found.rows):
+        raise typer.Exit(1)
+
+
+def _bench_navigation(
+    families: str | None,
+    controllers: str | None,
+    seeds: str | None,
+    data: Path | None,
+    out: Path | None,
+    tiny: bool,
+    as_json: bool,
+) -> None:
+    from swarm.run.bench import navigation
+    from swarm.run.bench.navigation import table
+
+    folder = navigation.DATA if data is None else data
+    plan = navigation.plan(
+        families=families, controllers=controllers, seeds=seeds, folder=folder, tiny=tiny
+    )
+    with table.Bar() as bar:
+        found = navigation.measure(plan, out, bar.advance)
+    if as_json:
+        _print_json(found)
+    else:
+        table.show(found)
+    if found.crashed:
         raise typer.Exit(1)
 
 

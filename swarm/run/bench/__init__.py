@@ -15,6 +15,7 @@ barrier     the whole system over the bare one
 telemetry   recording on over off
 launch      seconds to the first tick, memory of a robot
 table       the figures for people
+navigation  how well robots find their way: a bench of its own, asked for by its name alone
 
 Children are forked from a process that has this package loaded, so it imports the benchmarks, and
 with them Rerun and Rich, only when they are asked for.
@@ -31,6 +32,8 @@ import msgspec
 from swarm import errors
 from swarm.run.bench import figures
 from swarm.run.bench.figures import Found, Row
+
+NAVIGATION = "navigation"
 
 Progress = Callable[[str], None]
 
@@ -63,10 +66,11 @@ def run(names: list[str], *, tiny: bool, progress: Progress) -> Found:
     known = benchmarks()
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
+            near = difflib.get_close_matches(name, [*known, NAVIGATION], n=1)
             hint = f"; did you mean '{near[0]}'?" if near else ""
             raise errors.UsageError(
-                f"bench: expected some of {', '.join(known)}, got '{name}'{hint}"
+                f"bench: expected some of {', '.join(known)}, or {NAVIGATION} alone, "
+                f"got '{name}'{hint}"
             )
     machine = figures.machine()
     rows: list[Row] = []

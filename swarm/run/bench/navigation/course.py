@@ -1,0 +1,153 @@
+"""One run in memory, without a bus, and what it came to.
+
+Job --drive--> Score, CPU --judge--> Run
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Literal
+
+import msgspec
+
+from agents import robot
+from swarm import metrics
+from swarm.messages import Command
+from swarm.run.bench.navigation import cases
+from swarm.run.bench.navigation.cases import Case, Controller
+from swarm.scenario import Scenario
+from world import simulation
+
+BARN_FACTORS = (2.0, 8.0)  # a run is scored by its time, clipped to these multiples of the best
+
+Outcome = Literal["succeeded", "collided", "timeout", "blocked", "crashed"]
+
+
+class Job(msgspec.Struct, frozen=True):
+    """What to run."""
+
+    case: Case
+    controller: Controller
+
+
+class Run(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of it; ratios are those of successes, None otherwise."""
+
+    family: str
+    size: str
+    number: int
+    controller: Controller
+    outcome: Outcome  # blocked: nobody is merely late, those who failed to arrive said FAILED
+    robots: int
+    arrived: int = 0  # in time
+    clearance_m: float | None = None  # least, to obstacles and between robots
+    makespan_ratio: float | None = None  # last arrival over the longest bound
+    time_ratio: float | None = None  # arrival over its bound, mean over the robots
+    path_ratio: float | None = None  # way over its bound at top speed, mean over the robots
+    score: float | None = None  # of BARN: 0.5 at best, 0 without success
+    sim_time_s: float = 0.0
+    step_us: float | None = None  # CPU of one robot's step, mean
+    state_hash: str | None = None
+    problem: str = ""  # of a crash
+
+
+class Driven(msgspec.Struct, frozen=True, eq=False):
+    """A run that has ended."""
+
+    score: metrics.Score
+    steps: int
+    step_cpu_s: float  # of all robots' steps
+
+
+def run(job: Job) -> Run:
+    """Run and judge."""
+    return judge(job, drive(cases.under(job.case, job.controller)))
+
+
+def drive(plan: Scenario) -> Driven:
+    """The run that the shells make, to its end; nothing is kept of the ticks.
+
+    CPU is that of this thread, so that others on the machine disturb it little.
+    """
+    assert not plan.faults, "faults are the supervisor's business"
+    world = simulation.build(plan)
+    setups = {row.name: plan.setup(row.name) for row in plan.robots}
+    minds = {name: robot.init(setup) for name, setup in setups.items()}
+    state = simulation.init(world)
+    score = metrics.begin(plan)
+    steps = spent_ns = 0
+    while True:
+        frames = simulation.sense(world, state)
+        commands: dict[str, Command] = {}
+        begin_ns = time.thread_time_ns()
+        for frame in frames:
+            name = frame.robot
+            minds[name], commands[name] = robot.step(setups[name], minds[name], frame)
+        spent_ns += time.thread_time_ns() - begin_ns
+        steps += len(frames)
+        metrics.observe(score, simulation.record(world, state, frames, commands.values()))
+        if metrics.ended(score) is not None:
+            return Driven(score, steps, spent_ns * 1e-9)
+        state = simulation.step(world, state, commands)
+
+
+def judge(job: Job, driven: Driven) -> Run:
+    """What a run came to, against the times of its case."""
+    case = job.case
+    facts = metrics.Facts(scenario=case.name, run="memory", bus="memory")
+    summary = metrics.summary(driven.score, facts)
+    rows = summary.per_robot
+    in_time = [
+        row.arrival_s
+        for row, due_s in zip(rows, case.dues_s, strict=True)
+        if row.outcome == "arrived" and row.arrival_s is not None and row.arrival_s <= due_s
+    ]
+    late = [row for row in rows if row.outcome in ("arrived", "timeout")]
+    outcome: Outcome = "succeeded"
+    if summary.collisions:
+        outcome = "collided"
+    elif len(in_time) < len(rows):
+        outcome = "timeout" if len(late) > len(in_time) else "blocked"
+    success = outcome == "succeeded"
+    clearances_m = [
+        gap_m
+        for gap_m in (summary.min_clearance_obstacle_m, summary.min_clearance_robot_m)
+        if gap_m is not None
+    ]
+    makespan_s = max(in_time, default=0.0)
+    return Run(
+        family=case.family,
+        size=case.size,
+        number=case.number,
+        controller=job.controller,
+        outcome=outcome,
+        robots=len(rows),
+        arrived=len(in_time),
+        clearance_m=min(clearances_m, default=None),
+        makespan_ratio=makespan_s / max(case.bounds_s) if success else None,
+        time_ratio=_mean_ratio(in_time, list(case.bounds_s)) if success else None,
+        path_ratio=_mean_ratio([row.path_m for row in rows], _ways_m(case)) if success else None,
+        score=barn_score(success, makespan_s, case.bounds_s[0]) if case.scored else None,
+        sim_time_s=summary.sim_time_s,
+        step_us=1e6 * driven.step_cpu_s / driven.steps,
+        state_hash=summary.state_hash,
+    )
+
+
+def barn_score(success: bool, time_s: float, best_s: float) -> float:
+    """BARN's own rule: best time over the time taken, clipped to [2, 8] times the best one."""
+    if not success:
+        return 0.0
+    least, most = BARN_FACTORS
+    return best_s / min(max(time_s, least * best_s), most * best_s)
+
+
+def _ways_m(case: Case) -> list[float]:
+    return [
+        bound_s * robot.speed_mps_max
+        for bound_s, robot in zip(case.bounds_s, case.scenario.robots, strict=True)
+    ]
+
+
+def _mean_ratio(values: list[float], bounds: list[float]) -> float:
+    return sum(value / bound for value, bound in zip(values, bounds, strict=True)) / len(values)
