@@ -1,6 +1,9 @@
 """What composes a swarm; the only code that imports agents and world.
 
-cli          the command line
+cli          the command line: verbs and flags
+library      scenarios by name or file
+launch       one run carried out, over Zenoh or in memory
+front        progress and outcome, for people
 supervisor   one world process, N robot processes, and the person who watches
 lockstep     the same swarm in one process
 replay       every robot again, from a recording

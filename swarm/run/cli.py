@@ -6,12 +6,10 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib.metadata
 import importlib.resources
 import os
 import platform
-import signal
 import sys
 import time
 from pathlib import Path
@@ -23,11 +21,10 @@ import tomli_w
 import typer
 from typer import Argument, Option
 
-from swarm import errors, lifetime, messages, metrics, recording, runs, zenoh_bus
+from swarm import errors, messages, metrics, recording, runs, zenoh_bus
 from swarm import scenario as scenarios
-from swarm.run import front, supervisor
+from swarm.run import front, launch, library, supervisor
 
-BUILT_IN = "world.scenarios"
 STOP_TIMEOUT_S = 10.0
 ASK_TIMEOUT_S = 2.0
 
@@ -67,41 +64,11 @@ def main() -> None:
 # --- scenarios ----------------------------------------------------------------------------------
 
 
-def built_in() -> dict[str, Any]:
-    """Name -> resource of every built-in scenario."""
-    folder = importlib.resources.files(BUILT_IN)
-    return {
-        resource.name.removesuffix(".toml"): resource
-        for resource in sorted(folder.iterdir(), key=lambda one: one.name)
-        if resource.name.endswith(".toml")
-    }
-
-
-def read_scenario(text: str) -> tuple[str, str, bytes]:
-    """(name, where, bytes) of a scenario given by name or file; raises ScenarioError."""
-    known = built_in()
-    if text in known:
-        return text, f"{text}.toml (built in)", known[text].read_bytes()
-    path = Path(text)
-    try:
-        if path.suffix == ".toml" or path.is_file():
-            return path.stem, str(path), path.read_bytes()
-    except OSError as error:
-        raise errors.ScenarioError(
-            f"{path}: expected a file that can be read, got: {error.strerror}"
-        ) from error
-    near = difflib.get_close_matches(text, known, n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise errors.ScenarioError(
-        f"scenario: expected one of {', '.join(known)} or a TOML file, got '{text}'{hint}"
-    )
-
-
 @app.command("scenarios")
 def list_scenarios(as_json: Json = False) -> None:
     """List the built-in scenarios."""
     rows = []
-    for name, resource in built_in().items():
+    for name, resource in library.built_in().items():
         plan = scenarios.decode(resource.read_bytes(), f"{name}.toml")
         rows.append({"name": name, "robots": len(plan.robots), "title": plan.title})
     if as_json:
@@ -123,9 +90,9 @@ def validate(
     rows = []
     for text in files:
         try:
-            name, where, data = read_scenario(text)
+            name, where, data = library.read_scenario(text)
             plan = scenarios.decode(data, where)
-            _check_scene(plan, where)
+            library.check_scene(plan, where)
             rows.append({"file": text, "ok": True, "name": name, "robots": len(plan.robots)})
         except errors.ScenarioError as error:
             rows.append({"file": text, "ok": False, "error": str(error)})
@@ -194,7 +161,7 @@ def run(
       swarm run two-obstacles --fault kill:robot3@9.6
       swarm run my.toml --set field.k_e=1.0 --seed 3 --json
     """
-    name, where, data = read_scenario(scenario)
+    name, where, data = library.read_scenario(scenario)
     changes = list(settings or [])
     if clock is not None:
         changes.append(f'clock.mode="{clock}"')
@@ -211,9 +178,9 @@ def run(
         seed=seed,
         duration_s=duration,
     )
-    _check_scene(plan, where)
-    _check_flags(plan, bus, view != "none" or foxglove, router, tls)
-    _check_display(view)
+    library.check_scene(plan, where)
+    launch.check_flags(plan, bus, view != "none" or foxglove, router, tls)
+    launch.check_display(view)
     toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
     if dry_run:
         if as_json:
@@ -230,7 +197,7 @@ def run(
             f"{folder}: expected room for a file, got: {error.strerror}"
         ) from error
     watcher = supervisor.Watcher() if quiet else front.Progress()
-    launch = supervisor.Plan(
+    order = supervisor.Plan(
         scenario=plan,
         scenario_toml=toml,
         name=name,
@@ -242,117 +209,10 @@ def run(
         stop_after_s=stop_after,
     )
     try:
-        summary, interrupted, problem = _conduct(launch, bus, watcher)
+        summary, interrupted, problem = launch.conduct(order, bus, watcher)
     finally:
         watcher.close()
     _report(summary, folder, as_json, problem, interrupted, stop_after)
-
-
-def _conduct(
-    launch: supervisor.Plan, bus: Literal["zenoh", "memory"], watcher: supervisor.Watcher
-) -> tuple[metrics.Summary, bool, str | None]:
-    """Summary of a run, whether it was interrupted, and what went wrong with its processes."""
-    if bus == "memory":
-        return *_run_in_memory(launch, watcher), None
-    ending = supervisor.supervise(launch, watcher)
-    summary = _summary_of(launch.folder, launch.name, bus)
-    return summary, ending.interrupted, ending.problem
-
-
-def _check_scene(plan: scenarios.Scenario, where: str) -> None:
-    """Raise ScenarioError, with the file, when obstacles cannot stand where they should."""
-    from world import scene
-
-    try:
-        scene.obstacles(plan)
-    except errors.ScenarioError as error:
-        raise errors.ScenarioError(f"{where}: {error}") from error
-
-
-def _check_flags(
-    plan: scenarios.Scenario, bus: str, watched: bool, router: str | None, tls: Path | None
-) -> None:
-    if bus == "memory":
-        if plan.clock.mode == "realtime":
-            raise errors.UsageError(
-                "--bus memory: expected --clock lockstep, got realtime; one process has no "
-                "lateness to show, use --rate 1 to pace it"
-            )
-        if watched or router is not None or tls is not None:
-            raise errors.UsageError(
-                "--bus memory: expected no --view, --foxglove, --router or --tls: "
-                "nothing leaves the process"
-            )
-    if tls is not None:
-        names = ["world", "supervisor", *(robot.name for robot in plan.robots)]
-        wanted = ["ca.pem", *(f"{name}{end}" for name in names for end in (".pem", ".key"))]
-        missing = [name for name in wanted if not (tls / name).is_file()]
-        if missing:
-            raise errors.UsageError(
-                f"--tls {tls}: expected ca.pem and NAME.pem, NAME.key for every process, "
-                f"got no {', '.join(missing[:4])}{' ...' if len(missing) > 4 else ''}"
-            )
-
-
-def _check_display(view: str) -> None:
-    if view == "native" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise errors.UsageError(
-            "--view native: expected a display (DISPLAY or WAYLAND_DISPLAY), got none; "
-            "use --view web, or open run.rrd on a machine that has one"
-        )
-
-
-def _run_in_memory(
-    launch: supervisor.Plan, watcher: supervisor.Watcher
-) -> tuple[metrics.Summary, bool]:
-    from swarm.run import lockstep
-
-    name, folder, stop_after_s = launch.name, launch.folder, launch.stop_after_s
-    stop = lifetime.Stop()
-    interrupted: list[int] = []
-
-    def interrupt(number: int, _: object) -> None:
-        interrupted.append(number)
-        stop.request("interrupted")
-
-    due_s = time.monotonic() + stop_after_s if stop_after_s is not None else None
-
-    def on_status(status: messages.Status) -> None:
-        watcher.status(status)
-        if due_s is not None and time.monotonic() >= due_s:
-            stop.request("stopped by --stop-after")
-
-    previous = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        card = runs.card_of(runs.run_id(folder), name, "memory", folder)
-        watcher.started(card, [])
-        summary = lockstep.record(
-            launch.scenario, name, launch.scenario_toml, folder, stop, on_status
-        )
-        return summary, bool(interrupted)
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
-def _summary_of(folder: Path, name: str, bus: str) -> metrics.Summary:
-    """Summary the world wrote; when it could not, what its recording still tells."""
-    path = folder / runs.SUMMARY
-    if path.is_file():
-        return msgspec.json.decode(path.read_bytes(), type=metrics.Summary)
-    plan = scenarios.decode((folder / runs.SCENARIO).read_bytes(), str(folder / runs.SCENARIO))
-    score = metrics.begin(plan)
-    kept = 0
-    if (folder / runs.MCAP).is_file():
-        for record in recording.read(folder / runs.MCAP).ticks:
-            if record.tick != score.tick + 1:
-                break
-            metrics.observe(score, record)
-            kept += 1
-    facts = metrics.Facts(scenario=name, run=runs.run_id(folder), bus=bus, clock=plan.clock.mode)
-    summary = msgspec.structs.replace(metrics.summary(score, facts), outcome="failed")
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(summary)))
-    return summary
 
 
 def _report(
@@ -546,9 +406,9 @@ def world_(
     """
     import world.process
 
-    name, where, data = read_scenario(scenario)
+    name, where, data = library.read_scenario(scenario)
     plan = scenarios.decode(data, where, settings=settings or [], robots=robots)
-    _check_scene(plan, where)
+    library.check_scene(plan, where)
     toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
     folder = runs.new_folder(out, name)
     (folder / runs.SCENARIO).write_bytes(toml)
@@ -568,7 +428,7 @@ def world_(
         code = world.process.main(arguments)
     if code != 0:
         raise typer.Exit(1)
-    _report(_summary_of(folder, name, "zenoh"), folder, False, None, False, None)
+    _report(launch.summary_of(folder, name, "zenoh"), folder, False, None, False, None)
 
 
 @app.command("robot")
@@ -708,14 +568,14 @@ def reproduce(
     setproctitle.setproctitle("swarm-run")
 
     def conduct(experiment: reproduction.Experiment, into: Path) -> reproduction.Conducted:
-        name, where, data = read_scenario(experiment.scenario)
+        name, where, data = library.read_scenario(experiment.scenario)
         settings = [*experiment.settings, "recording.mcap=true", "recording.rerun=false"]
         plan = scenarios.decode(data, where, settings=settings, seed=experiment.seed)
         toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
         runs.new_folder(into, name)
         (into / runs.SCENARIO).write_bytes(toml)
-        launch = supervisor.Plan(scenario=plan, scenario_toml=toml, name=name, folder=into)
-        summary, interrupted, problem = _conduct(launch, bus, supervisor.Watcher())
+        order = supervisor.Plan(scenario=plan, scenario_toml=toml, name=name, folder=into)
+        summary, interrupted, problem = launch.conduct(order, bus, supervisor.Watcher())
         if interrupted:
             raise KeyboardInterrupt
         return reproduction.Conducted(summary, problem)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from swarm import metrics, scenario
 from swarm.metrics import Summary
-from swarm.run import cli, lockstep
+from swarm.run import library, lockstep
 
 
 def run(name: str, *settings: str) -> Summary:
-    _, where, data = cli.read_scenario(name)
+    _, where, data = library.read_scenario(name)
     plan = scenario.decode(data, where, settings=("robot.motion=dynamic", *settings))
     score = lockstep.run(plan).score
     return metrics.summary(score, metrics.Facts(scenario=name, run="test", bus="memory"))
@@ -21,7 +21,7 @@ def test_formation_passes_two_obstacles_with_motors_of_3_nm() -> None:
     assert summary.min_clearance_robot_m is not None
     assert summary.min_clearance_robot_m >= 0.05
     assert summary.expect.missed == []  # all that the ideal wheels have to reach
-    _, where, data = cli.read_scenario("two-obstacles")
+    _, where, data = library.read_scenario("two-obstacles")
     ideal = lockstep.run(scenario.decode(data, where)).score
     assert summary.state_hash != ideal.hash.hexdigest()
 

@@ -19,7 +19,7 @@ import msgspec
 import pytest
 
 from swarm import recording, scenario
-from swarm.run import cli, lockstep, replay
+from swarm.run import library, lockstep, replay
 from swarm.score import Score
 from tests.run import processes
 
@@ -61,7 +61,7 @@ def check_identities(folder: Path, name: str) -> None:
 
 
 def short(seed: int = 1, *settings: str) -> Score:
-    _, where, data = cli.read_scenario("two-obstacles")
+    _, where, data = library.read_scenario("two-obstacles")
     plan = scenario.decode(data, where, seed=seed, duration_s=4.0, settings=settings)
     return lockstep.run(plan).score
 

@@ -18,7 +18,7 @@ from dashboards import tracks
 from swarm import messages, metrics, recording, runs, scenario
 from swarm.geometry import STILL, Pose, Vec2
 from swarm.messages import Beacon, Command, Forces, Leadership, RobotRecord, TickRecord, Trace
-from swarm.run import cli, reproduce
+from swarm.run import library, reproduce
 from swarm.run.reproduce import claims, encounters
 from swarm.run.reproduce.claims import Run
 from swarm.scenario import Scenario
@@ -279,7 +279,7 @@ def test_experiments_are_scenarios_that_decode_with_their_settings() -> None:
     plans: dict[str, tuple[str, Scenario]] = {}
     for figure in reproduce.figures().values():
         for one in figure.experiments:
-            data = cli.built_in()[one.scenario].read_bytes()
+            data = library.built_in()[one.scenario].read_bytes()
             plan = scenario.decode(data, one.name, settings=one.settings, seed=one.seed)
             before = plans.setdefault(one.name, (one.command, plan))
             assert before == (one.command, plan)  # a name means one run, whichever figure asks

@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from swarm import messages, recording, runs
-from swarm.run import cli
+from swarm.run import library
 from tests.run import processes
 from tests.swarm.test_bus import GARBAGE
 
@@ -116,4 +116,4 @@ def test_scenarios_are_found_by_name() -> None:
         "head-on-pairs",
         "random-field",
         "empty",
-    } <= set(cli.built_in())
+    } <= set(library.built_in())

@@ -11,7 +11,7 @@ from agents.process import RobotShell
 from swarm import lifetime, metrics, scenario
 from swarm.bus import Hub, MemoryBus
 from swarm.messages import COMMAND, PROCESS, Command, Event, Reply, TickRecord
-from swarm.run import cli
+from swarm.run import library
 from swarm.scenario import Scenario
 from world import conductor
 
@@ -36,7 +36,7 @@ class Stage:
     def __init__(
         self, name: str, *settings: str, robots: int | None = None, faults: tuple[str, ...] = ()
     ) -> None:
-        _, where, data = cli.read_scenario(name)
+        _, where, data = library.read_scenario(name)
         self.scenario: Scenario = scenario.decode(
             data, where, settings=settings, robots=robots, faults=faults
         )
