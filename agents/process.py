@@ -15,7 +15,7 @@ from agents import robot
 from swarm import errors, lifetime, messages, zenoh_bus
 from swarm.bus import Bus
 from swarm.geometry import STILL, Pose
-from swarm.messages import COMMAND, FRAME, SensorFrame, Wheels
+from swarm.messages import COMMAND, FRAME, Command, SensorFrame, Wheels
 from swarm.scenario import RobotSetup
 
 POLL_S = 0.5  # how often an idle robot looks whether anyone is still there
@@ -86,6 +86,7 @@ class RobotShell:
         self._incarnation = incarnation
         self._tick = -1
         self._world_left = False
+        self._answered: Command | None = None  # the newest, should the world ask for it again
         robot.step(setup, self._state, _warm_up_frame(setup))  # first calls are slow ones
         bus.subscribe(FRAME, setup.robot.name, newest=setup.clock.mode == "realtime")
         bus.announce("robot", setup.robot.name)  # last: who sees it may send frames
@@ -111,10 +112,13 @@ class RobotShell:
     def _answer(self, frame: SensorFrame) -> None:
         if frame.tick == 0 and self._world_left:
             self._begin_again()
+        if frame.tick == self._tick and self._answered is not None:
+            self._bus.publish(COMMAND, self._answered, self._answered.robot)  # it was lost
         if frame.tick <= self._tick:
-            return  # duplicated or out of order
+            return
         self._tick = frame.tick
         self._state, command = robot.step(self._setup, self._state, frame)
+        self._answered = command
         self._bus.publish(COMMAND, command, command.robot)
 
     def _begin_again(self) -> None:

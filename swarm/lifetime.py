@@ -7,18 +7,22 @@ is told by the kernel when the supervisor is gone, whatever the bus is doing.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import select
 import signal
 import sys
 import threading
 from collections.abc import Callable
+from multiprocessing import forkserver
 from pathlib import Path
+from typing import Any
 
 import setproctitle
 
 from swarm.bus import Bus
 
+PR_SET_PDEATHSIG = 1  # prctl(2)
 ORPHAN_EXIT_S = 2.0  # an orphan that has not ended by itself after this is ended
 ORPHAN_EXIT_CODE = 70  # EX_SOFTWARE
 
@@ -53,8 +57,24 @@ def adopt(name: str, log: Path | None, stop: Stop, supervisor_pid: int | None) -
     if supervisor_pid is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         os.setsid()
+        _leave_forkserver()
         watch = threading.Thread(target=_end_with, args=(supervisor_pid, stop), daemon=True)
         watch.start()
+
+
+def _leave_forkserver() -> None:
+    """See to it that the forkserver ends with the supervisor, and wakes us when it does.
+
+    Every child inherits the end of the pipe that keeps the forkserver alive; only the supervisor
+    should hold it. A child that is stopped (SIGSTOP) cannot notice anything by itself: the kernel
+    continues it when the forkserver dies.
+    """
+    server: Any = forkserver._forkserver
+    alive = getattr(server, "_forkserver_alive_fd", None)
+    if alive is not None:
+        os.close(alive)
+        server._forkserver_alive_fd = None
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGCONT)
 
 
 def heed_signals(stop: Stop) -> None:

@@ -25,8 +25,8 @@ import numpy.typing as npt
 from swarm import errors
 from swarm.geometry import Finite, Pose, Ranges, Twist, Vec2
 
-Name = Annotated[str, msgspec.Meta(pattern="^[a-z][a-z0-9_-]{0,31}$")]
-RunId = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9][A-Za-z0-9_-]{0,95}$")]
+Name = Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_-]{0,31}\Z")]
+RunId = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,95}\Z")]
 Tick = Annotated[int, msgspec.Meta(ge=0, le=2**40)]
 Stamp = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
 
@@ -200,6 +200,7 @@ EventKind = Literal[
     "robot-hung",
     "robot-returned",
     "fault",
+    "fault-failed",
     "collision",
     "message-rejected",
     "recording",
@@ -358,7 +359,7 @@ QUERIES = {query.name: query for query in (SCENARIO, CONTROL, PROCESS)}
 
 Role = Literal["world", "robot", "supervisor"]
 ALIVE_KEY = "swarm/{run}/alive/{role}/{name}"
-_ALIVE = re.compile(r"^swarm/[^/]+/alive/(world|robot|supervisor)/([^/]+)$")
+_ALIVE = re.compile(r"^swarm/[^/]+/alive/(world|robot|supervisor)/([^/]+)\Z")
 
 _encoder = msgspec.msgpack.Encoder()
 _rows: list[Topic | Query] = [*TOPICS.values(), *QUERIES.values()]

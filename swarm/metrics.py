@@ -249,7 +249,10 @@ def _run_outcome(score: Score, outcomes: list[RobotOutcome]) -> Outcome:
         return "collided"
     if "failed" in outcomes or not any(tally.alive for tally in score.tallies):
         return "failed"
-    return "timeout" if {"blocked", "timeout"} & set(outcomes) else "succeeded"
+    if score.faults_failed:
+        return "failed"
+    cut_short = not any(score.missions) and ended(score) is None
+    return "timeout" if cut_short or {"blocked", "timeout"} & set(outcomes) else "succeeded"
 
 
 def _robot_row(score: Score, facts: Facts, row: int, outcome: RobotOutcome) -> RobotRow:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import tempfile
 import time
 from pathlib import Path
@@ -43,8 +44,10 @@ def new_folder(out: Path | None, scenario: str) -> Path:
     Raises UsageError when it cannot be written or holds a run already.
     """
     if out is not None:
+        if not str(out).strip("."):
+            raise errors.UsageError("--out: expected a folder of the run's own, got this one")
         folder = out.absolute()
-        if (folder / MCAP).exists() or (folder / SUMMARY).exists():
+        if _holds_run(folder):
             raise errors.UsageError(
                 f"--out {out}: expected a folder without a run in it, got one with {MCAP}; "
                 "choose another or remove it"
@@ -57,6 +60,13 @@ def new_folder(out: Path | None, scenario: str) -> Path:
         with contextlib.suppress(FileExistsError):
             return _make(folder, exist_ok=False)
     raise errors.UsageError(f"{base}: expected a free name for a run, got 999 taken ones")
+
+
+def _holds_run(folder: Path) -> bool:
+    try:
+        return (folder / MCAP).exists() or (folder / SUMMARY).exists()
+    except OSError as error:  # a name that is too long
+        raise errors.UsageError(f"--out {folder}: {error.strerror}") from error
 
 
 def _make(folder: Path, *, exist_ok: bool) -> Path:
@@ -77,16 +87,37 @@ def _make(folder: Path, *, exist_ok: bool) -> Path:
     return folder
 
 
-def run_id(folder: Path) -> str:
-    """Id of the run in a folder: its name, as far as a key may carry it."""
+def new_run_id(folder: Path) -> str:
+    """Id for the run in a folder: its name, as far as a key may carry it, and some letters more.
+
+    Two runs in folders of the same name, or on the same router, never share an id.
+    """
     kept = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in folder.name)
-    return (kept.encode("ascii", "replace").decode().replace("?", "-").lstrip("-_") or "run")[:96]
+    name = kept.encode("ascii", "replace").decode().replace("?", "-").lstrip("-_") or "run"
+    return f"{name[:80]}-{secrets.token_hex(2)}"
+
+
+def write_whole(path: Path, data: bytes) -> str | None:
+    """Write a file whole or not at all; what went wrong, None when nothing did."""
+    part = path.with_name(f"{path.name}.part")
+    try:
+        part.write_bytes(data)
+        part.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        return f"{path}: {error.strerror}"
+    return None
 
 
 def recording(run: Path) -> Path:
     """MCAP of a RUN given as folder or file; raises UsageError when there is none."""
-    path = run / MCAP if run.is_dir() else run
-    if not path.is_file():
+    try:
+        path = run / MCAP if run.is_dir() else run
+        there = path.is_file()
+    except OSError as error:
+        raise errors.UsageError(f"{run}: {error.strerror}") from error
+    if not there:
         raise errors.UsageError(
             f"{run}: expected a run's folder or its recording, got "
             f"{'a folder without ' + MCAP if run.is_dir() else 'nothing there'}"

@@ -28,6 +28,7 @@ Point = tuple[Coordinate, Coordinate]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 ROBOTS_MAX = 500
+RESERVED_NAMES = frozenset(("world", "supervisor", "router", "run"))  # other processes' names
 
 T = TypeVar("T")
 
@@ -339,6 +340,12 @@ class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         names = [robot.name for robot in self.robots]
+        reserved = sorted(set(names) & RESERVED_NAMES)
+        if reserved:
+            raise ValueError(
+                f"expected robots' names other than {', '.join(sorted(RESERVED_NAMES))}, "
+                f"got '{reserved[0]}'"
+            )
         repeated = sorted({name for name in names if names.count(name) > 1})
         if repeated:
             raise ValueError(f"expected every robot to have its own name, got {repeated} twice")
@@ -525,19 +532,20 @@ def decode(
     if duration_s is not None:
         raw["duration_s"] = duration_s
     if faults:
-        raw["faults"] = [*raw.get("faults", []), *(_parse_fault(spec) for spec in faults)]
+        raw["faults"] = [*_rows(raw, "faults", where), *(_parse_fault(spec) for spec in faults)]
     defaults = raw.get("robot", {})
     _convert(defaults, RobotParameters, where, "robot")
     if "line" in raw:
         raw = _with_line(raw, robots, where)
     elif robots is not None:
-        rows = raw.get("robots", [])
+        rows = _rows(raw, "robots", where)
         if not 1 <= robots <= len(rows):
             raise errors.ScenarioError(
                 f"{where}: expected --robots between 1 and {len(rows)} (the rows of [[robots]]), "
                 f"got {robots}"
             )
         raw["robots"] = rows[:robots]
+        _expect_only(raw, robots)
     if isinstance(raw.get("robots"), list):
         raw["robots"] = [
             {**defaults, **row} if isinstance(row, dict) else row for row in raw["robots"]
@@ -560,11 +568,38 @@ def _without_none(value: Any) -> Any:
     return value
 
 
+def _rows(raw: Mapping[str, Any], key: str, where: str) -> list[Any]:
+    rows = raw.get(key, [])
+    if not isinstance(rows, list):
+        raise errors.ScenarioError(f"{where}: {key}: expected rows [[{key}]], got {rows!r}")
+    return rows
+
+
+def _expect_only(raw: dict[str, Any], robots: int) -> None:
+    """Expect no more than the robots that are left can do."""
+    expect = raw.get("expect")
+    if not isinstance(expect, dict):
+        return
+    names = [row.get("name") for row in raw["robots"] if isinstance(row, dict)]
+    if isinstance(expect.get("arrived"), int):
+        expect["arrived"] = min(expect["arrived"], robots)
+    if isinstance(expect.get("mirror_pairs"), list):
+        expect["mirror_pairs"] = [
+            pair
+            for pair in expect["mirror_pairs"]
+            if not isinstance(pair, list) or all(name in names for name in pair)
+        ]
+
+
 def _with_line(raw: Mapping[str, Any], robots: int | None, where: str) -> dict[str, Any]:
     table = dict(raw["line"]) if isinstance(raw["line"], dict) else raw["line"]
     if robots is not None and isinstance(table, dict):
         table["count"] = robots
     line = _convert(table, Line, where, "line")
+    if "robots" in raw:
+        raise errors.ScenarioError(
+            f"{where}: robots: expected either [line] or [[robots]], got both"
+        )
     rest = {key: value for key, value in raw.items() if key != "line"}
     rest["robots"] = [
         {
@@ -581,7 +616,7 @@ def _with_line(raw: Mapping[str, Any], robots: int | None, where: str) -> dict[s
 def _set(raw: dict[str, Any], setting: str) -> None:
     path, sign, text = setting.partition("=")
     keys = path.strip().split(".")
-    if not sign or not all(keys):
+    if not sign or not all(keys) or "\n" in setting:
         raise errors.ScenarioError(
             f"--set {setting}: expected PATH=VALUE such as field.k_e=1.0, got '{setting}'"
         )
@@ -638,7 +673,9 @@ def _parse_fault(spec: str) -> dict[str, Any]:
 
 
 def _is_row(table: Any, name: str) -> bool:
-    return isinstance(table, list) and name.isdecimal() and int(name) < len(table)
+    return (
+        isinstance(table, list) and name.isascii() and name.isdecimal() and int(name) < len(table)
+    )
 
 
 def _table(table: Any, name: str) -> Any:

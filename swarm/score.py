@@ -77,6 +77,7 @@ class Score(msgspec.Struct, eq=False):
     tick: int = -1
     commands_total: int = 0
     guard_interventions: int = 0
+    faults_failed: int = 0  # injected, but nobody delivered them
     clearance_obstacle_m: float = inf
     clearance_robot_m: float = inf
     error_m: float | None = None  # of the formation, now
@@ -213,6 +214,7 @@ def _hash(score: Score, record: TickRecord) -> None:
 def _observe_faults(score: Score, record: TickRecord) -> None:
     """Events first: who was alive until now tells a kill from a blow to the dead."""
     for event in record.events:
+        score.faults_failed += event.kind == "fault-failed"
         if event.kind == "fault" and event.robot in score.rows:
             row = score.rows[event.robot]
             kinds = [

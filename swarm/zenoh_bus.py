@@ -36,6 +36,7 @@ LEAF_RUNTIME = (
 LEASE_MS = 500  # a silent link is given up after this; 100 gives false alarms under load
 QUEUE_MAX = 4096  # messages; at the bound a BLOCK sender waits, so nothing is lost
 CONNECT_TIMEOUT_S = 20.0
+TOKEN_TIMEOUT_S = 0.5
 DEADLINE_RESOLUTION_S = 0.2  # how late a deadline of `receive` may be noticed
 MESSAGE_BYTES_MAX = max(topic.size_max for topic in messages.TOPICS.values()) + 4096
 
@@ -253,11 +254,21 @@ class ZenohBus:
         who = messages.parse_alive_key(str(sample.key_expr))
         if who is None:
             return
-        if sample.kind == zenoh.SampleKind.PUT:
+        if sample.kind == zenoh.SampleKind.PUT or self._is_declared(str(sample.key_expr)):
             self._alive = self._alive | {who}
         else:
             self._alive = self._alive - {who}
         self.wake()
+
+    def _is_declared(self, key: str) -> bool:
+        """Ask for a token that is said to be gone: after a reconnection its owner's new one may
+        have been announced before the loss of the old one.
+        """
+        try:
+            replies = self._session.liveliness().get(key, timeout=TOKEN_TIMEOUT_S)
+            return any(reply.ok is not None for reply in replies)
+        except zenoh.ZError:
+            return False
 
     # --- queries ---
 

@@ -8,7 +8,6 @@ notices who is gone and tells everyone what happened.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -29,6 +28,7 @@ from swarm.messages import (
     Reply,
     RobotStatus,
     ScenarioRequest,
+    SensorFrame,
     Status,
     TickRecord,
 )
@@ -38,6 +38,9 @@ from world import simulation
 STATUS_PERIOD_S = 0.5  # wall
 BARRIER_POLL_S = 0.5  # how often a waiting world looks at its deadline
 PROCESS_TIMEOUT_S = 10.0  # the supervisor's answer to a process fault
+STALL_S = 1.0  # between two looks at the clock; a waiting world looks at least every 0.7 s
+RETURN_S = 3.0  # a world that was stopped itself gives the others so long to come back
+SLEEP_S_MAX = 0.2  # how late a slow run notices that it should stop
 REJECTED_REPORTS_MAX = 20  # events about ignored messages; all of them are counted
 
 Observer = Callable[[TickRecord], None]
@@ -107,6 +110,8 @@ class _Conductor:
         self._reported: dict[str, int] = {}
         self._newest: dict[str, Command] = {}
         self._started_s = 0.0
+        self._beat_s = now()
+        self._patient_until_s = 0.0
         self._status_due_s = 0.0
         self._phase: Literal["starting", "running", "ended"] = "starting"
 
@@ -120,6 +125,7 @@ class _Conductor:
         bus.announce("world", "world")
         self._gather()
         self._phase = "running"
+        self._beat_s = self._now()
         self._started_s = self._now()
         ended = None
         while ended is None:
@@ -128,7 +134,7 @@ class _Conductor:
             frames = simulation.sense(self._world, self._state)
             for frame in frames:
                 bus.publish(FRAME, frame, frame.robot)
-            commands = self._collect()
+            commands = self._collect(frames)
             record = simulation.record(
                 self._world, self._state, frames, commands, tuple(self._events)
             )
@@ -196,11 +202,11 @@ class _Conductor:
             except errors.BusError as error:
                 problem = str(error)
             if problem:
-                print(f"swarm-world: fault {fault.kind}:{name}: {problem}", file=sys.stderr)
+                self._event("fault-failed", name, f"{fault.kind}: {problem}")
             else:
                 self._lose(name, "killed", "fault", fault.kind)
 
-    def _collect(self) -> tuple[Command, ...]:
+    def _collect(self, frames: Sequence[SensorFrame]) -> tuple[Command, ...]:
         """Commands of this tick in scenario order, by the clock of the scenario."""
         self._newest = {}
         if self._scenario.clock.mode == "realtime":
@@ -208,30 +214,47 @@ class _Conductor:
             self._pause_while_alone()
             while (delivery := self._bus.receive(0.0)) is not None:
                 self._take(delivery.message)
-            for name in self._absent():
-                self._lose(name, "lost", "robot-lost", "its token is gone")
+            self._lose_absent()
         else:
-            self._barrier()
+            self._barrier(frames)
             self._sleep_until_tick(self._state.tick + 1)
         return tuple(self._newest[name] for name in self._robots if name in self._newest)
 
-    def _barrier(self) -> None:
+    def _barrier(self, frames: Sequence[SensorFrame]) -> None:
         deadline_s = self._now() + self._scenario.clock.command_deadline_s
         waiting = self._waiting()
         while waiting:
             delivery = self._bus.receive(BARRIER_POLL_S)
+            self._beat()
             if delivery is not None:
                 self._take(delivery.message)
                 if delivery.message.robot in self._newest:
                     waiting.discard(delivery.message.robot)
                 continue
             self._pause_while_alone()
-            for name in self._absent():
-                self._lose(name, "lost", "robot-lost", "its token is gone")
+            if self._now() < self._patient_until_s:
+                for frame in frames:  # it, or its answer, may have gone down with the link
+                    if frame.robot in waiting:
+                        self._bus.publish(FRAME, frame, frame.robot)
+                continue
+            self._lose_absent()
             if self._now() >= deadline_s:
                 for name in sorted(waiting & self._waiting()):
                     self._lose(name, "hung", "robot-hung", "no command before the deadline")
             waiting = self._waiting()
+
+    def _beat(self) -> None:
+        """Notice that this process was stopped for a while: its links have timed out meanwhile."""
+        now_s = self._now()
+        if now_s - self._beat_s > STALL_S:
+            self._patient_until_s = now_s + RETURN_S
+        self._beat_s = now_s
+
+    def _lose_absent(self) -> None:
+        """Lose those whose token is gone, unless it was we who were away."""
+        if self._now() >= self._patient_until_s:
+            for name in self._absent():
+                self._lose(name, "lost", "robot-lost", "its token is gone")
 
     def _waiting(self) -> set[str]:
         return {
@@ -281,8 +304,9 @@ class _Conductor:
             rate = 1.0
         if rate > 0.0:
             due_s = self._started_s + tick * self._scenario.dt_s / rate
-            if (left_s := due_s - self._now()) > 0.0:
-                self._sleep(left_s)
+            while self._stop.reason is None and (left_s := due_s - self._now()) > 0.0:
+                self._sleep(min(left_s, SLEEP_S_MAX))
+                self._beat()
 
     def _pause_while_alone(self) -> None:
         """Wait while the supervisor is stopped; when it is dead the kernel asks us to stop."""
@@ -293,6 +317,8 @@ class _Conductor:
             role == "supervisor" for role, _ in self._bus.alive()
         ):
             self._sleep(0.02)
+            self._beat()
+            self._patient_until_s = self._now() + RETURN_S  # perhaps our own link was down
         self._started_s += self._now() - paused_s  # a pause is no lost time
 
     def _notice_contacts(self) -> None:

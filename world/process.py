@@ -38,7 +38,7 @@ def main(arguments: Arguments) -> int:
     lifetime.adopt("world", arguments.log, stop, arguments.supervisor_pid)
     try:
         bus = _open_bus(arguments)
-    except errors.BusError as error:
+    except errors.SwarmError as error:
         print(f"swarm-world: {error}", file=sys.stderr, flush=True)
         return PORT_TAKEN if "in use" in str(error) else error.exit_code
     lifetime.heed_signals(stop)
@@ -112,10 +112,9 @@ def record_run(
         recording=watchers.kept(),
     )
     summary = metrics.summary(run.score, facts)
-    try:
-        (folder / runs.SUMMARY).write_bytes(msgspec.json.format(msgspec.json.encode(summary)))
-    except OSError as error:
-        print(f"swarm-world: {runs.SUMMARY}: {error.strerror}", file=sys.stderr, flush=True)
+    text = msgspec.json.format(msgspec.json.encode(summary))
+    if (problem := runs.write_whole(folder / runs.SUMMARY, text)) is not None:
+        print(f"swarm-world: {problem}", file=sys.stderr, flush=True)
     return summary
 
 

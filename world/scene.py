@@ -100,7 +100,7 @@ def clearance(scene: Scene, points_m: Floats) -> Floats:
         outline_m = np.sqrt(off_x_m * off_x_m + off_y_m * off_y_m)
         # Even-odd rule: a ray towards +x leaves a polygon as often as it enters, unless inside.
         spans = (ay_m > y_m) != (by_m > y_m)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             crossing_m = dy_m * along_x_m / along_y_m  # from corner a; level edges never span
         crossings = np.add.reduceat(
             (spans & (dx_m < crossing_m)).astype(np.int64), scene.first_edges, axis=1

@@ -1,5 +1,6 @@
 """What composes a swarm; the only code that imports agents and world.
 
+start        the entry point
 cli          the command line: verbs and flags
 library      scenarios by name or file
 launch       one run carried out, over Zenoh or in memory

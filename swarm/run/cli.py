@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.resources
+import io
 import os
 import platform
 import sys
@@ -21,7 +22,7 @@ import tomli_w
 import typer
 from typer import Argument, Option
 
-from swarm import errors, messages, metrics, recording, runs, zenoh_bus
+from swarm import errors, messages, recording, runs, zenoh_bus
 from swarm import scenario as scenarios
 from swarm.run import front, launch, library, supervisor
 
@@ -43,11 +44,17 @@ app = typer.Typer(
 
 Json = Annotated[bool, Option("--json", help="Print one JSON object on standard output.")]
 Run = Annotated[Path, Argument(metavar="RUN", help="A run's folder, or its run.mcap.")]
-RunId = Annotated[str | None, Option("--run", metavar="ID", help="Which one, if several run.")]
+RunId = Annotated[
+    str | None,
+    Option("--run", metavar="ID", help="Which one, if several run; its first letters do."),
+]
 
 
 def main() -> None:
-    """Entry point of `swarm`."""
+    """Run the verb of the command line and exit with its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # None when it was closed
+            stream.reconfigure(errors="backslashreplace")
     code = 0
     try:
         app()
@@ -58,10 +65,11 @@ def main() -> None:
         code = 130
     except BrokenPipeError:  # `swarm ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    except OSError as error:  # /dev/full as standard output, a name that is too long
+        front.say(f"swarm: {error.filename or 'standard output'}: {error.strerror}")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        code = 1
     raise SystemExit(code)
-
-
-# --- scenarios ----------------------------------------------------------------------------------
 
 
 @app.command("scenarios")
@@ -179,7 +187,14 @@ def run(
         duration_s=duration,
     )
     library.check_scene(plan, where)
-    launch.check_flags(plan, bus, view != "none" or foxglove, router, tls)
+    launch.check_flags(
+        plan,
+        bus=bus,
+        watched=view != "none" or foxglove,
+        router=router,
+        tls=tls,
+        stop_after_s=stop_after,
+    )
     launch.check_display(view)
     toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
     if dry_run:
@@ -202,6 +217,7 @@ def run(
         scenario_toml=toml,
         name=name,
         folder=folder,
+        run=runs.new_run_id(folder),
         router=router,
         tls=tls,
         view=view,
@@ -209,38 +225,35 @@ def run(
         stop_after_s=stop_after,
     )
     try:
-        summary, interrupted, problem = launch.conduct(order, bus, watcher)
+        ended = launch.conduct(order, bus, watcher)
     finally:
         watcher.close()
-    _report(summary, folder, as_json, problem, interrupted, stop_after)
+    _report(ended, folder, as_json)
 
 
-def _report(
-    summary: metrics.Summary,
-    folder: Path,
-    as_json: bool,
-    problem: str | None,
-    interrupted: bool,
-    stop_after_s: float | None,
-) -> None:
+def _report(ended: launch.Conducted, folder: Path, as_json: bool) -> None:
     """Print the outcome and exit with its code, naming all that failed."""
+    summary = ended.summary
     if as_json:
-        sys.stdout.buffer.write(msgspec.json.encode(summary) + b"\n")
-        sys.stdout.flush()
+        _print_json(summary)
     else:
         front.show_summary(summary, str(folder))
-    failed = [problem] if problem else []
+    failed = [ended.problem] if ended.problem else []
     if summary.outcome != "succeeded":
         failed.append(f"outcome: expected succeeded, got {summary.outcome}")
     failed += [f"missed: {text}" for text in summary.expect.missed]
     if summary.recording is not None and summary.recording.lost:
         failed.append(f"recording: {summary.recording.lost} messages lost, see swarm verify")
-    if stop_after_s is not None and summary.outcome != "succeeded":
-        failed.append(f"stopped by --stop-after {stop_after_s:g}")
+    if ended.overtime:
+        failed.append("stopped by --stop-after")
     for text in failed:
         front.say(f"swarm: {text}")
-    if interrupted:
-        front.say("swarm: interrupted; the recording is complete up to here")
+    if ended.interrupted:
+        mended = f"mend the recording with: swarm verify {folder} --repair"
+        front.say(
+            "swarm: interrupted; "
+            + (mended if ended.problem else "the recording is complete up to here")
+        )
         raise typer.Exit(130)
     if failed:
         raise typer.Exit(1)
@@ -251,7 +264,8 @@ def _report(
 
 def _pick(run_id: str | None) -> runs.Card:
     cards = runs.running()
-    matching = [card for card in cards if run_id in (None, card.run)]
+    exact = [card for card in cards if card.run == run_id]
+    matching = exact or [card for card in cards if card.run.startswith(run_id or "")]
     if len(matching) == 1:
         return matching[0]
     known = ", ".join(card.run for card in cards) or "none"
@@ -371,6 +385,8 @@ def replay_(
         print(f"{found.ticks} ticks, {found.commands} commands replayed")
         if found.cut:
             print("the recording is cut: replayed up to there")
+        if found.missing is not None:
+            print(found.missing)
         if found.state_hash is not None:
             print(f"state hash {found.state_hash}")
         if found.difference is not None:
@@ -413,7 +429,7 @@ def world_(
     folder = runs.new_folder(out, name)
     (folder / runs.SCENARIO).write_bytes(toml)
     endpoint = router or listen
-    run_id = run_name or runs.run_id(folder)
+    run_id = run_name or runs.new_run_id(folder)
     front.say(f"swarm-world: run {run_id} on {endpoint}, waiting for {len(plan.robots)} robots")
     arguments = world.process.Arguments(
         run=run_id,
@@ -428,7 +444,7 @@ def world_(
         code = world.process.main(arguments)
     if code != 0:
         raise typer.Exit(1)
-    _report(launch.summary_of(folder, name, "zenoh"), folder, False, None, False, None)
+    _report(launch.Conducted(launch.summary_of(folder, name, run_id)), folder, False)
 
 
 @app.command("robot")
@@ -574,11 +590,13 @@ def reproduce(
         toml = tomli_w.dumps(scenarios.to_builtins(plan)).encode()
         runs.new_folder(into, name)
         (into / runs.SCENARIO).write_bytes(toml)
-        order = supervisor.Plan(scenario=plan, scenario_toml=toml, name=name, folder=into)
-        summary, interrupted, problem = launch.conduct(order, bus, supervisor.Watcher())
-        if interrupted:
+        order = supervisor.Plan(
+            scenario=plan, scenario_toml=toml, name=name, folder=into, run=runs.new_run_id(into)
+        )
+        ended = launch.conduct(order, bus, supervisor.Watcher())
+        if ended.interrupted:
             raise KeyboardInterrupt
-        return reproduction.Conducted(summary, problem)
+        return reproduction.Conducted(ended.summary, ended.problem)
 
     found = reproduction.run(
         names or [],
@@ -624,9 +642,4 @@ def version(as_json: Json = False) -> None:
 
 
 def _print_json(value: Any) -> None:
-    sys.stdout.buffer.write(msgspec.json.encode(value) + b"\n")
-    sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main()
+    print(msgspec.json.encode(value).decode(), flush=True)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
+import re
 import signal
 import time
 from pathlib import Path
@@ -14,21 +17,45 @@ from swarm import errors, lifetime, messages, metrics, recording, runs
 from swarm import scenario as scenarios
 from swarm.run import supervisor
 
+ENDPOINT = re.compile(r"^[a-z0-9-]+/[^\s/][^\s]*:[0-9]{1,5}\Z")
+
+
+class Conducted(msgspec.Struct, frozen=True):
+    """How a run ended."""
+
+    summary: metrics.Summary
+    interrupted: bool = False
+    overtime: bool = False  # ended by --stop-after
+    problem: str | None = None  # what went wrong with its processes
+
 
 def conduct(
-    launch: supervisor.Plan, bus: Literal["zenoh", "memory"], watcher: supervisor.Watcher
-) -> tuple[metrics.Summary, bool, str | None]:
-    """Summary of a run, whether it was interrupted, and what went wrong with its processes."""
+    order: supervisor.Plan, bus: Literal["zenoh", "memory"], watcher: supervisor.Watcher
+) -> Conducted:
+    """Carry out a run to its end."""
     if bus == "memory":
-        return *_run_in_memory(launch, watcher), None
-    ending = supervisor.supervise(launch, watcher)
-    summary = summary_of(launch.folder, launch.name, bus)
-    return summary, ending.interrupted, ending.problem
+        return _run_in_memory(order, watcher)
+    ending = supervisor.supervise(order, watcher)
+    summary = summary_of(order.folder, order.name, order.run)
+    return Conducted(summary, ending.interrupted, ending.overtime, ending.problem)
 
 
 def check_flags(
-    plan: scenarios.Scenario, bus: str, watched: bool, router: str | None, tls: Path | None
+    plan: scenarios.Scenario,
+    *,
+    bus: str,
+    watched: bool,
+    router: str | None,
+    tls: Path | None,
+    stop_after_s: float | None,
 ) -> None:
+    """Raise UsageError for flags that cannot be honoured, before anything starts."""
+    if stop_after_s is not None and not 0.0 < stop_after_s < math.inf:
+        raise errors.UsageError(f"--stop-after: expected seconds > 0, got {stop_after_s:g}")
+    if router is not None and ENDPOINT.match(router) is None:
+        raise errors.UsageError(
+            f"--router: expected an endpoint such as tcp/127.0.0.1:7447, got '{router}'"
+        )
     if bus == "memory":
         if plan.clock.mode == "realtime":
             raise errors.UsageError(
@@ -52,6 +79,7 @@ def check_flags(
 
 
 def check_display(view: str) -> None:
+    """Raise UsageError when a window is asked for where there is no screen."""
     if view == "native" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise errors.UsageError(
             "--view native: expected a display (DISPLAY or WAYLAND_DISPLAY), got none; "
@@ -59,54 +87,56 @@ def check_display(view: str) -> None:
         )
 
 
-def _run_in_memory(
-    launch: supervisor.Plan, watcher: supervisor.Watcher
-) -> tuple[metrics.Summary, bool]:
+def _run_in_memory(order: supervisor.Plan, watcher: supervisor.Watcher) -> Conducted:
     from swarm.run import lockstep
 
-    name, folder, stop_after_s = launch.name, launch.folder, launch.stop_after_s
     stop = lifetime.Stop()
     interrupted: list[int] = []
+    overtime: list[str] = []
 
     def interrupt(number: int, _: object) -> None:
         interrupted.append(number)
         stop.request("interrupted")
 
-    due_s = time.monotonic() + stop_after_s if stop_after_s is not None else None
+    due_s = math.inf if order.stop_after_s is None else time.monotonic() + order.stop_after_s
 
     def on_status(status: messages.Status) -> None:
         watcher.status(status)
-        if due_s is not None and time.monotonic() >= due_s:
-            stop.request("stopped by --stop-after")
+        if time.monotonic() >= due_s and status.state != "ended":
+            overtime.append("stopped by --stop-after")
+            stop.request(overtime[0])
 
     previous = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
-        card = runs.card_of(runs.run_id(folder), name, "memory", folder)
-        watcher.started(card, [])
+        watcher.started(runs.card_of(order.run, order.name, "memory", order.folder), [])
         summary = lockstep.record(
-            launch.scenario, name, launch.scenario_toml, folder, stop, on_status
+            order.scenario,
+            order.name,
+            order.run,
+            order.scenario_toml,
+            order.folder,
+            stop,
+            on_status,
         )
-        return summary, bool(interrupted)
+        return Conducted(summary, bool(interrupted), bool(overtime))
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
 
 
-def summary_of(folder: Path, name: str, bus: str) -> metrics.Summary:
+def summary_of(folder: Path, name: str, run: str) -> metrics.Summary:
     """Summary the world wrote; when it could not, what its recording still tells."""
     path = folder / runs.SUMMARY
-    if path.is_file():
+    with contextlib.suppress(OSError, msgspec.DecodeError):
         return msgspec.json.decode(path.read_bytes(), type=metrics.Summary)
     plan = scenarios.decode((folder / runs.SCENARIO).read_bytes(), str(folder / runs.SCENARIO))
     score = metrics.begin(plan)
-    kept = 0
-    if (folder / runs.MCAP).is_file():
+    with contextlib.suppress(errors.RecordingError):  # nothing of it can be read
         for record in recording.read(folder / runs.MCAP).ticks:
             if record.tick != score.tick + 1:
                 break
             metrics.observe(score, record)
-            kept += 1
-    facts = metrics.Facts(scenario=name, run=runs.run_id(folder), bus=bus, clock=plan.clock.mode)
+    facts = metrics.Facts(scenario=name, run=run, bus="zenoh", clock=plan.clock.mode)
     summary = msgspec.structs.replace(metrics.summary(score, facts), outcome="failed")
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(summary)))
+    runs.write_whole(path, msgspec.json.format(msgspec.json.encode(summary)))
     return summary

@@ -48,6 +48,7 @@ def run(
 def record(
     scenario: Scenario,
     name: str,
+    run_id: str,
     scenario_toml: bytes,
     folder: Path,
     stop: lifetime.Stop,
@@ -55,7 +56,7 @@ def record(
 ) -> metrics.Summary:
     """Run a scenario in memory with the recording and the summary of any other run."""
     return world.process.record_run(
-        seat(scenario, folder.name),
+        seat(scenario, run_id),
         name,
         scenario_toml,
         folder,

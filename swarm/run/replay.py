@@ -42,6 +42,7 @@ class Replay(msgspec.Struct, frozen=True):
     recorded_hash: str | None
     difference: Difference | None
     cut: bool  # the recording ends in the middle
+    missing: str | None  # where it has a hole; nothing behind it can be replayed
 
 
 class _Player(msgspec.Struct):
@@ -70,7 +71,11 @@ def replay(path: Path, only: str | None = None) -> Replay:
     recorded, replayed = metrics.begin(plan), metrics.begin(plan)
     ticks = commands = 0
     difference = None
+    missing = None
     for record, frames in _with_frames(plan, source.ticks):
+        if record.tick != ticks:
+            missing = f"expected tick {ticks}, got {record.tick}: replayed up to the hole"
+            break
         for frame in frames:
             if frame.robot in players:
                 player = players[frame.robot]
@@ -92,13 +97,14 @@ def replay(path: Path, only: str | None = None) -> Replay:
     if only is None and plan.clock.mode == "lockstep":
         hashes = [score.hash.hexdigest() for score in (recorded, replayed)]
     return Replay(
-        ok=difference is None and hashes[0] == hashes[1] and ticks > 0,
+        ok=difference is None and hashes[0] == hashes[1] and ticks > 0 and missing is None,
         ticks=ticks,
         commands=commands,
         state_hash=hashes[1],
         recorded_hash=hashes[0],
         difference=difference,
         cut=source.cut,
+        missing=missing,
     )
 
 
@@ -108,11 +114,20 @@ def _with_frames(
     """Each tick with its frames as they were sent, beacons and all."""
     beacons: dict[tuple[int, int], Beacon] = {}
     rows = {row.name: number for number, row in enumerate(plan.robots)}
-    for record in ticks:
-        frames = [
-            simulation.frame_of(plan, frame, record.tick, record.stamp_ns, beacons)
-            for frame in record.frames
-        ]
+    for expected, record in enumerate(ticks):
+        if record.tick != expected:  # what was heard in it may have been said in what is missing
+            yield record, []
+            return
+        try:
+            frames = [
+                simulation.frame_of(plan, frame, record.tick, record.stamp_ns, beacons)
+                for frame in record.frames
+            ]
+        except KeyError as error:
+            raise errors.RecordingError(
+                f"tick {record.tick}: expected beacons that were recorded before, "
+                f"got one of (row, tick) {error} that was not"
+            ) from error
         for command in record.commands:
             beacons[(rows[command.robot], command.beacon.tick)] = command.beacon
         yield record, frames

@@ -50,6 +50,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     scenario_toml: bytes
     name: str  # of the scenario, for people
     folder: Path
+    run: str  # id
     router: str | None = None  # endpoint of an external router
     tls: Path | None = None
     view: str = "none"
@@ -87,6 +88,7 @@ class Ending(msgspec.Struct, frozen=True):
     """How a supervised run came to its end."""
 
     interrupted: bool
+    overtime: bool  # ended by stop_after_s
     problem: str | None  # what went wrong with the processes, None when nothing did
     exit_codes: dict[str, int | None]
 
@@ -105,12 +107,13 @@ class _Supervisor:
         self._watcher = watcher
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(PRELOAD)
-        self._run = runs.run_id(plan.folder)
+        self._run = plan.run
         self._children: dict[str, ForkServerProcess] = {}
         self._ended: set[str] = set()
         self._viewer: subprocess.Popen[bytes] | None = None
         self._signals: list[int] = []
         self._problem: str | None = None
+        self._overtime = False
 
     def run(self) -> Ending:
         """See `supervise`."""
@@ -140,6 +143,7 @@ class _Supervisor:
                 signal.signal(number, handler)
         return Ending(
             interrupted=bool(self._signals),
+            overtime=self._overtime,
             problem=self._problem,
             exit_codes={name: child.exitcode for name, child in self._children.items()},
         )
@@ -277,6 +281,7 @@ class _Supervisor:
             now_s = time.monotonic()
             overtime = stop_after_s is not None and now_s - started_s >= stop_after_s
             if asked_s is None and (self._signals or overtime):
+                self._overtime = overtime
                 asked_s = now_s
                 self._watcher.note("stopping")
                 self._ask_to_stop(bus)

@@ -13,7 +13,7 @@ import pytest
 
 from swarm.run import cli
 
-SWARM = (sys.executable, "-m", "swarm.run.cli")
+SWARM = (sys.executable, "-m", "swarm.run.start")
 
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:

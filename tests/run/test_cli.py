@@ -249,7 +249,7 @@ def test_status_and_stop_find_the_running_swarm(folder: Path) -> None:
     assert "robot5" in processes.swarm(folder, "status", "--run", "one").stdout
     assert processes.swarm(folder, "stop", "--run", "nobody").returncode == 1
     stopped = processes.swarm(folder, "stop", "--run", "one", "--json")
-    assert json.loads(stopped.stdout) == {"run": "one", "stopped": True}
+    assert json.loads(stopped.stdout) == {"run": row["card"]["run"], "stopped": True}
     assert run.wait(5.0) == 1
     assert other.poll() is None
     assert processes.swarm(folder, "stop", "--run", "other").returncode == 0

@@ -155,14 +155,14 @@ def test_forged_command_is_ignored_and_reported_once(what: str) -> None:
     assert stage.kinds().count(("message-rejected", None)) == 1
 
 
-def test_fault_that_nobody_delivers_is_said_and_changes_nothing(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_fault_that_nobody_delivers_fails_the_run_and_changes_nothing_else() -> None:
     stage = Stage("empty", "duration_s=0.8", faults=("kill:robot2@0.4",))
     stage.enter()
-    stage.play()
+    result = stage.play()
     assert stage.records[-1].robots[1].alive
-    assert "fault kill:robot2" in capsys.readouterr().err
+    assert ("fault-failed", "robot2") in stage.kinds()
+    summary = metrics.summary(result.score, metrics.Facts(scenario="empty", run="r", bus="memory"))
+    assert summary.outcome == "failed"
 
 
 def test_fault_is_delivered_at_its_tick_before_the_frames() -> None:

@@ -87,7 +87,7 @@ def _swarm_run(size: int, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     Should we be killed, `--stop-after` ends it.
     """
     options = ["--robots", size, "--rate", 1, "--duration", 1000, "--stop-after", TIMEOUT_S]
-    command = [sys.executable, "-m", "swarm.run.cli", "run", SCENARIO, "--quiet"]
+    command = [sys.executable, "-m", "swarm.run.start", "run", SCENARIO, "--quiet"]
     command += ["--out", str(folder), *(str(option) for option in options)]
     with (folder / STDERR).open("wb") as stderr:
         process = subprocess.Popen(
