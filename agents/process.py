@@ -52,7 +52,7 @@ def main(arguments: Arguments) -> int:
         lifetime.heed_signals(stop)
         stop.wake = bus.wake
         shell = RobotShell(bus, ask_setup(bus, arguments.name), arguments.incarnation)
-        shell.loop(stop)
+        shell.loop(stop, supervised=arguments.supervisor_pid is not None)
     except errors.SwarmError as error:
         if stop.reason is None:
             print(f"swarm-{arguments.name}: {error}", file=sys.stderr, flush=True)
@@ -91,8 +91,12 @@ class RobotShell:
         bus.subscribe(FRAME, setup.robot.name, newest=setup.clock.mode == "realtime")
         bus.announce("robot", setup.robot.name)  # last: who sees it may send frames
 
-    def loop(self, stop: lifetime.Stop) -> None:
-        """Answer frames until told to stop."""
+    def loop(self, stop: lifetime.Stop, *, supervised: bool) -> None:
+        """Answer frames until told to stop.
+
+        A robot started by hand, perhaps on another host, ends when a supervisor that it has seen
+        and the world are both gone; any other is told by the kernel.
+        """
         absence = lifetime.Absence(self._bus, ABSENCE_S)
         gc.freeze()  # what start-up made stays; the collector need not look at it again
         while stop.reason is None:
@@ -101,7 +105,7 @@ class RobotShell:
                 self._answer(delivery.message)
                 continue
             self._world_left |= all(role != "world" for role, _ in self._bus.alive())
-            if absence.lasts(time.monotonic()):
+            if not supervised and absence.lasts(time.monotonic()):
                 stop.request("world and supervisor are gone")
 
     def work(self) -> None:

@@ -97,7 +97,7 @@ def _made_tick(tick: int, robots: int, beams: int) -> TickRecord:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """How long the random campaigns are; `make test-kills` runs the full one."""
-    parser.addoption("--kills", type=int, default=3, help="random kills of each kind (full: 20)")
+    parser.addoption("--kills", type=int, default=2, help="random kills of each kind (full: 20)")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -36,10 +36,10 @@ from swarm.scenario import Scenario
 from world import simulation
 
 STATUS_PERIOD_S = 0.5  # wall
-BARRIER_POLL_S = 0.5  # how often a waiting world looks at its deadline
+BARRIER_POLL_S = 0.1  # how often a waiting world looks at the clock
 PROCESS_TIMEOUT_S = 10.0  # the supervisor's answer to a process fault
-STALL_S = 1.0  # between two looks at the clock; a waiting world looks at least every 0.7 s
-RETURN_S = 3.0  # a world that was stopped itself gives the others so long to come back
+STALL_S = 0.45  # between two looks at the clock; links time out after 0.5 s
+RETURN_S = 5.0  # a world that was stopped itself gives the others so long to come back
 SLEEP_S_MAX = 0.2  # how late a slow run notices that it should stop
 REJECTED_REPORTS_MAX = 20  # events about ignored messages; all of them are counted
 

@@ -243,7 +243,11 @@ def _report(ended: launch.Conducted, folder: Path, as_json: bool) -> None:
         failed.append(f"outcome: expected succeeded, got {summary.outcome}")
     failed += [f"missed: {text}" for text in summary.expect.missed]
     if summary.recording is not None and summary.recording.lost:
-        failed.append(f"recording: {summary.recording.lost} messages lost, see swarm verify")
+        last = recording.verify(folder / runs.MCAP).last_tick
+        failed.append(
+            f"recording: {summary.recording.lost} messages lost, whole up to tick {last} of "
+            f"{summary.ticks}; see swarm verify {folder}"
+        )
     if ended.overtime:
         failed.append("stopped by --stop-after")
     for text in failed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import os
+import resource
 import socket
 import subprocess
 import tomllib
@@ -78,6 +79,12 @@ BAD_LINES = {
     "run two-obstacles --robots 9": "--robots between 1 and 6",
     "run two-obstacles --bus memory --clock realtime": "expected --clock lockstep",
     "run two-obstacles --bus memory --view web": "--bus memory",
+    "run two-obstacles --router nonsense": "tcp/127.0.0.1:7447",
+    "run two-obstacles --stop-after -1": "--stop-after",
+    "run two-obstacles --set robots=5 --robots 3": "expected rows [[robots]]",
+    "run two-obstacles --set faults=3 --fault kill:robot1@0.8": "expected rows [[faults]]",
+    "run two-obstacles --set robots.1.name=world": "got 'world'",
+    "run empty --set robots.0.name=x": "[line] or [[robots]]",
     "run two-obstacles --tls nowhere": "ca.pem",
     "run two-obstacles --clock sundial": "sundial",
     "verify nowhere": "expected a run's folder",
@@ -190,6 +197,42 @@ def test_stop_after_ends_the_run_with_exit_1(folder: Path) -> None:
     assert done.returncode == 1
     assert "--stop-after" in done.stderr
     assert recording.verify(folder / "out" / runs.MCAP).complete
+
+
+def test_run_without_goals_that_is_stopped_early_has_not_succeeded(folder: Path) -> None:
+    line = ("run", "empty", "--duration", "60", "--rate", "1", "--stop-after", "1", "--json")
+    for bus in ("zenoh", "memory"):
+        done = processes.swarm(folder, *line, "--bus", bus, "--out", bus)
+        assert done.returncode == 1
+        assert json.loads(done.stdout)["outcome"] == "timeout"
+        assert "--stop-after" in done.stderr
+
+
+def test_runs_in_folders_of_one_name_have_ids_of_their_own(folder: Path) -> None:
+    ids = set()
+    for out in ("a/run", "b/run"):
+        done = processes.swarm(
+            folder, "run", "empty", "--duration", "1", "--bus", "memory", "--out", out, "--json"
+        )
+        ids.add(json.loads(done.stdout)["run"])
+    assert len(ids) == 2
+
+
+def test_disk_that_fills_up_ends_in_exit_1_and_one_object(folder: Path) -> None:
+    run = subprocess.run(
+        [*processes.SWARM, "run", "two-obstacles", "--json", "--out", "out"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000)),
+    )
+    assert run.returncode == 1
+    summary = json.loads(run.stdout)
+    assert summary["outcome"] == "succeeded"
+    assert summary["recording"]["lost"] > 0
+    assert "messages lost, whole up to tick" in run.stderr
+    assert "Traceback" not in run.stderr
 
 
 def test_out_with_a_run_in_it_is_refused_and_untouched(folder: Path) -> None:

@@ -96,3 +96,19 @@ def test_replay_of_one_robot_and_of_a_changed_recording(folder: Path) -> None:
     assert found.difference.tick == 30
     assert found.difference.robot == wrong.robot
     assert found.difference.field == "command.set_point.speed_mps"
+
+
+def test_replay_stops_at_a_hole_and_says_where(folder: Path) -> None:
+    processes.swarm(
+        folder, "run", "two-obstacles", "--duration", "4", "--bus", "memory", "--out", "run", "-q"
+    )
+    source = recording.read(folder / "run" / "run.mcap")
+    ticks = list(source.ticks)
+    with recording.Writer(folder / "hole.mcap", source.scenario_toml, source.metadata) as writer:
+        for record in (*ticks[:20], *ticks[24:]):
+            writer.write(record)
+    found = replay.replay(folder / "hole.mcap")
+    assert not found.ok
+    assert found.ticks == 20
+    assert found.missing is not None
+    assert "expected tick 20, got 24" in found.missing

@@ -183,3 +183,30 @@ def test_paused_supervisor_pauses_the_run(folder: Path) -> None:
     run.send_signal(signal.SIGINT)
     run.communicate(timeout=10.0)
     assert run.returncode == 130
+
+
+@pytest.mark.parametrize("stall_s", [0.7, 2.0])
+def test_world_that_was_stopped_for_a_while_loses_nobody(folder: Path, stall_s: float) -> None:
+    line = ("run", "head-on-pairs", "--json", "-q")
+    alone = processes.swarm(folder, *line, "--bus", "memory", "--out", "alone")
+    run = processes.start(folder, *line, "--rate", str(RATE), "--out", "out")
+    processes.until(lambda: (tick_now(folder) or 0) > 20, 30.0, "ticks")
+    (world,) = processes.named(folder, "swarm-world")
+    world.suspend()
+    deadline_s = time.monotonic() + stall_s
+    processes.until(lambda: time.monotonic() >= deadline_s, 10.0, "the stall")
+    world.resume()
+    printed, said = run.communicate(timeout=60.0)
+    assert run.returncode == 0, said
+    expected = msgspec.json.decode(alone.stdout)["state_hash"]
+    assert msgspec.json.decode(printed)["state_hash"] == expected
+
+
+@pytest.mark.parametrize("name", ["swarm-world", "swarm-robot3"])
+def test_stopped_child_ends_with_its_supervisor(folder: Path, name: str) -> None:
+    run = processes.start(folder, "run", "two-obstacles", "--rate", "2", "--out", "out", "-q")
+    processes.until(lambda: (tick_now(folder) or 0) > 5, 30.0, "ticks")
+    processes.named(folder, name)[0].suspend()
+    run.kill()
+    run.communicate()
+    processes.until(lambda: not processes.belonging(folder), 5.0, "all end")
