@@ -89,7 +89,9 @@ class RobotShell:
         self._answered: Command | None = None  # the newest, should the world ask for it again
         robot.step(setup, self._state, _warm_up_frame(setup))  # first calls are slow ones
         bus.subscribe(FRAME, setup.robot.name, newest=setup.clock.mode == "realtime")
-        bus.announce("robot", setup.robot.name)  # last: who sees it may send frames
+        bus.announce(
+            "robot", messages.token_name(setup.robot.name, incarnation)
+        )  # last: who sees it may send frames
 
     def loop(self, stop: lifetime.Stop, *, supervised: bool) -> None:
         """Answer frames until told to stop.

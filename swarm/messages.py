@@ -200,7 +200,9 @@ EventKind = Literal[
     "robot-hung",
     "robot-returned",
     "fault",
+    "fault-over",
     "fault-failed",
+    "world-resumed",
     "collision",
     "message-rejected",
     "recording",
@@ -209,7 +211,11 @@ EventKind = Literal[
 
 
 class Event(msgspec.Struct, frozen=True, array_like=True):
-    """Something worth telling a person, and replay."""
+    """Something worth telling a person, and replay.
+
+    `robot-started` with an incarnation above 0 tells that the robot begins again, remembering
+    nothing. What one fault does to several robots is an event for each, with the same number.
+    """
 
     tick: Tick
     stamp_ns: Stamp
@@ -217,19 +223,29 @@ class Event(msgspec.Struct, frozen=True, array_like=True):
     robot: Name | None = None
     text: str = ""
     incarnation: int = 0
+    fault: str = ""  # kind, of the events about faults
+    number: int = -1  # of the fault in this run
+
+
+# What the world makes of a robot. Neither waited for nor sent anything: those that are lost (its
+# token has gone), hung (it does not answer), killed (by a fault), restarting, missing (never came).
+RobotState = Literal[
+    "starting", "running", "collided", "lost", "hung", "killed", "restarting", "missing"
+]
 
 
 class RobotStatus(msgspec.Struct, frozen=True):
     """One row of `swarm status`."""
 
     name: Name
-    state: Literal["starting", "running", "lost", "hung", "killed", "collided", "missing"]
+    state: RobotState
     mode: str
     leader: str
     arrived: bool
     late_commands: int
     error_m: float | None
     reason: str = ""  # why it says FAILED
+    restarts: int = 0
 
 
 class Status(msgspec.Struct, frozen=True):
@@ -256,14 +272,21 @@ class ScenarioRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ControlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The command line asks something of the world."""
 
-    action: Literal["status", "stop"]
+    action: Literal["status", "stop", "fault"]
+    spec: Annotated[str, msgspec.Meta(max_length=2000)] = ""  # of the fault; without @ it is now
 
 
 class ProcessRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The world asks the supervisor to do something to a robot's process, exactly now."""
+    """The world asks the supervisor to do something to a process, exactly now.
 
-    robot: Name
-    action: Literal["kill"]
+    The answer comes when it is done: kill, when the process is gone; stop and continue, when the
+    signal has its effect; start, when the new process runs (it says itself when it is ready).
+    `inspect` answers with a text that begins with dead, stopped or running.
+    """
+
+    robot: Name  # or `world`, which can only be killed
+    action: Literal["kill", "stop", "continue", "start", "inspect"]
+    incarnation: Annotated[int, msgspec.Meta(ge=0, le=2**31)] = 0  # of the one to start
 
 
 class Reply(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -376,6 +399,11 @@ def key(row: Topic | Query, run: str, robot: str = "*") -> str:
 def alive_key(run: str, role: str = "*", name: str = "*") -> str:
     """Key of a liveliness token."""
     return ALIVE_KEY.format(run=run, role=role, name=name)
+
+
+def token_name(robot: str, incarnation: int) -> str:
+    """Name in a robot's liveliness token; each process of it has its own."""
+    return robot if incarnation == 0 else f"{robot}.{incarnation}"
 
 
 def parse_alive_key(text: str) -> tuple[str, str] | None:

@@ -217,12 +217,7 @@ def _observe_faults(score: Score, record: TickRecord) -> None:
         score.faults_failed += event.kind == "fault-failed"
         if event.kind == "fault" and event.robot in score.rows:
             row = score.rows[event.robot]
-            kinds = [
-                fault.kind
-                for fault in score.scenario.faults
-                if fault.target == event.robot and score.scenario.tick_of(fault.at_s) == event.tick
-            ]
-            score.faults.append(Fault(kinds[0] if kinds else "kill", row, event.tick))
+            score.faults.append(Fault(event.fault, row, event.tick))
             if score.tallies[row].alive:
                 score.tallies[row].killed = True
 

@@ -91,7 +91,11 @@ def _made_tick(tick: int, robots: int, beams: int) -> TickRecord:
         )
         if tick:
             commands.append(messages.Command(beacon.name, tick, stamp_ns, twist, beacon, trace))
-    events = (messages.Event(tick, stamp_ns, "fault", "robot1", "kill"),) if tick == 10 else ()
+    events = (
+        (messages.Event(tick, stamp_ns, "fault", "robot1", "kill", fault="kill", number=0),)
+        if tick == 10
+        else ()
+    )
     return TickRecord(tick, stamp_ns, tuple(rows), tuple(frames), tuple(commands), events)
 
 

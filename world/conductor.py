@@ -14,7 +14,7 @@ from typing import Literal
 
 import msgspec
 
-from swarm import errors, lifetime, messages, metrics
+from swarm import errors, faults, lifetime, messages, metrics
 from swarm.bus import Bus
 from swarm.messages import (
     COMMAND,
@@ -26,6 +26,7 @@ from swarm.messages import (
     Event,
     EventKind,
     Reply,
+    RobotState,
     RobotStatus,
     ScenarioRequest,
     SensorFrame,
@@ -44,7 +45,6 @@ SLEEP_S_MAX = 0.2  # how late a slow run notices that it should stop
 REJECTED_REPORTS_MAX = 20  # events about ignored messages; all of them are counted
 
 Observer = Callable[[TickRecord], None]
-RobotState = Literal["starting", "running", "lost", "hung", "killed", "collided", "missing"]
 
 
 class Conduct(msgspec.Struct):
@@ -188,23 +188,25 @@ class _Conductor:
     # --- one tick ---
 
     def _inject_faults(self) -> None:
-        for fault in self._scenario.faults:
-            name = fault.target
+        for number, fault in enumerate(self._scenario.faults):
+            name, kind = fault.target, faults.kind_of(fault)
             if self._scenario.tick_of(fault.at_s) != self._state.tick:
                 continue
             if self._robots[name] not in ("running", "collided"):
-                self._event("fault", name, f"{fault.kind}: {name} is {self._robots[name]} already")
+                self._event(
+                    "fault", name, f"{kind}: {name} is {self._robots[name]} already", kind, number
+                )
                 continue
-            request = messages.ProcessRequest(name, fault.kind)
+            request = messages.ProcessRequest(name, "kill")
             try:
                 reply = self._bus.ask(messages.PROCESS, request, PROCESS_TIMEOUT_S)
                 problem = "" if reply.ok else reply.text
             except errors.BusError as error:
                 problem = str(error)
             if problem:
-                self._event("fault-failed", name, f"{fault.kind}: {problem}")
+                self._event("fault-failed", name, f"{kind}: {problem}", kind, number)
             else:
-                self._lose(name, "killed", "fault", fault.kind)
+                self._lose(name, "killed", "fault", kind, kind, number)
 
     def _collect(self, frames: Sequence[SensorFrame]) -> tuple[Command, ...]:
         """Commands of this tick in scenario order, by the clock of the scenario."""
@@ -327,14 +329,25 @@ class _Conductor:
                 self._robots[name] = "collided"
                 self._event("collision", name, "touched something and is stopped where it is")
 
-    def _lose(self, name: str, state: RobotState, kind: EventKind, text: str) -> None:
+    def _lose(
+        self,
+        name: str,
+        state: RobotState,
+        kind: EventKind,
+        text: str,
+        fault: str = "",
+        number: int = -1,
+    ) -> None:
         self._robots[name] = state
         self._state = simulation.lose(self._world, self._state, name)
-        self._event(kind, name, text)
+        self._event(kind, name, text, fault, number)
 
-    def _event(self, kind: EventKind, robot: str | None, text: str) -> None:
+    def _event(
+        self, kind: EventKind, robot: str | None, text: str, fault: str = "", number: int = -1
+    ) -> None:
         tick = self._state.tick
-        event = Event(tick, self._scenario.stamp_ns(tick), kind, robot, text)
+        stamp_ns = self._scenario.stamp_ns(tick)
+        event = Event(tick, stamp_ns, kind, robot, text, fault=fault, number=number)
         self._events.append(event)
         self._bus.publish(EVENT, event)
 

@@ -337,7 +337,7 @@ def test_ended_when_nobody_is_left_to_arrive() -> None:
 
 # --- outcomes -----------------------------------------------------------------------------------
 
-KILL = Event(1, 100_000_000, "fault", "b", "kill")
+KILL = Event(1, 100_000_000, "fault", "b", "kill", fault="kill")
 LOST = Event(1, 100_000_000, "robot-lost", "b")
 
 
@@ -371,7 +371,9 @@ def test_outcome_says_the_worst_that_happened(
 def test_outcome_is_failed_when_every_robot_was_killed() -> None:
     film = Film(LONE)
     film.shoot(body(0.0, 0.0))
-    film.shoot(body(0.0, 0.0, alive=False), events=(Event(1, 0, "fault", "a", "kill"),))
+    film.shoot(
+        body(0.0, 0.0, alive=False), events=(Event(1, 0, "fault", "a", "kill", fault="kill"),)
+    )
     assert film.summary.per_robot[0].outcome == "killed"
     assert film.summary.outcome == "failed"
 
@@ -490,7 +492,7 @@ def test_formation_error_follows_the_leader_and_slot_that_an_election_gave() -> 
     orphans = [
         body(x, 0.0, beacon(n, 0, leadership=A_LEADS)) for n, x in (("b", -1.0), ("c", -2.0))
     ]
-    kill = Event(1, 0, "fault", "a", "kill")
+    kill = Event(1, 0, "fault", "a", "kill", fault="kill")
     film.shoot(a, *orphans, events=(kill,))
     assert metrics.formation_error_now(film.score, "b") is None  # nobody to be measured by
     b = body(9.95, 0.0, beacon("b", 0, leadership=B_LEADS, goal=(10.0, 0.0)))
