@@ -30,6 +30,7 @@ class Arguments(msgspec.Struct, frozen=True, kw_only=True):
     serve_port: int | None = None  # of the live Rerun server
     foxglove_port: int | None = None  # of the live Foxglove server
     supervisor_pid: int | None = None
+    segment: int = 0  # of the recording; 0 begins a run, n > 0 resumes from the checkpoint
 
 
 def main(arguments: Arguments) -> int:
