@@ -173,8 +173,8 @@ class SensorFrame(msgspec.Struct, frozen=True, array_like=True):
     def __post_init__(self) -> None:
         if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:
             raise ValueError(f"expected ranges as (beams,) of <f4, got {self.ranges.dtype}")
-        if not (self.ranges.numpy() >= 0.0).all():
-            raise ValueError("expected ranges that are numbers >= 0")
+        if (self.ranges.numpy() < 0.0).any():
+            raise ValueError("expected ranges >= 0, inf or NaN")
 
     def ranges_m(self) -> Ranges:
         """(beams,) float32, read-only."""
@@ -310,6 +310,7 @@ class RobotRecord(msgspec.Struct, frozen=True, array_like=True):
     applied: Twist  # the set-point of this tick's command, zero when there is none in force
     beacon: Beacon | None  # newest it published, this tick's included; None before its first
     obstacle_clearance_m: float  # body surface to the nearest obstacle's; inf without obstacles
+    excused: bool = False  # the contact: motors or a lidar with a fault, its own or the other's
 
 
 class FrameRecord(msgspec.Struct, frozen=True, array_like=True):
