@@ -81,11 +81,11 @@ def replay(path: Path, only: str | None = None) -> Replay:
                 player = players[frame.robot]
                 player.frames[frame.tick] = frame
                 player.frames.pop(frame.tick - FRAMES_KEPT, None)
-        answers = {}
+        answers: dict[str, tuple[Command, Command]] = {}
         for command in record.commands:
             if command.robot in players:
                 answer = _answer(players[command.robot], command)
-                answers[command.robot] = answer
+                answers[command.robot] = command, answer
                 commands += 1
                 if difference is None and answer != command:
                     difference = _difference(record.tick, command, answer)
