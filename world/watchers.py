@@ -81,8 +81,9 @@ class Watchers:
         for close in self._closers:
             close()
         self._say_failures()
-        if self._writer is not None and self._writer.lost_ticks is not None:
-            self._say(f"{self._writer.path}: lost of ticks {self._writer.lost_ticks}")
+        if self._writer is not None and self._writer.lost_ticks:
+            lost = ", ".join(map(str, self._writer.lost_ticks))
+            self._say(f"{self._writer.path}: lost ticks {lost}")
 
     def kept(self) -> metrics.RecordingRow | None:
         """Account of the recording, None when there is none."""

@@ -1,7 +1,7 @@
 """What composes a swarm; the only code that imports agents and world.
 
 start        the entry point
-cli          the command line: verbs and flags
+cli          the command line: verbs and flags, by theme
 library      scenarios by name or file
 launch       one run carried out, over Zenoh or in memory
 front        progress and outcome, for people
