@@ -94,6 +94,8 @@ def test_nothing_is_left_and_the_recording_reads_when_killed(
         "36",
         "--out",
         "out",
+        "--set",
+        "restart.world=never",
         "-q",
     )  # without a leader it would last until the scenario's time is up
     delay_s = choice.uniform(0.1, 5.0)
@@ -131,7 +133,9 @@ def test_ctrl_c_is_130_and_completes_the_recording(folder: Path) -> None:
 
 
 def test_world_killed_is_exit_1_and_says_how_to_mend_the_recording(folder: Path) -> None:
-    run = processes.start(folder, "run", "two-obstacles", "--rate", str(RATE), "--out", "out")
+    never = ("--set", "restart.world=never")
+    line = ("run", "two-obstacles", "--rate", str(RATE), "--out", "out", *never)
+    run = processes.start(folder, *line)
     processes.until(lambda: (tick_now(folder) or 0) > 20, 30.0, "ticks")
     processes.named(folder, "swarm-world")[0].kill()
     _, said = run.communicate(timeout=10.0)
