@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from swarm.faults import (
     ActuatorStuck,
     Bias,
+    Corrupt,
     Dead,
     Deaf,
     Delay,
+    DiskFull,
     Dropout,
     Duplicate,
     Fault,
@@ -101,6 +103,16 @@ def test_fault_lasts_for_a_tick_at_least_and_strikes_nobody_without_rows() -> No
     assert inflicted(world, state, (fault(Dead), ())) == state
     state = inflicted(world, state, (fault(Dead, for_s=0.001), (0,)))
     assert state.active[0].until_tick == 1
+
+
+def test_faults_of_what_is_around_are_kept_until_they_are_over() -> None:
+    world = world_of(TWO)
+    full = DiskFull(at_s=0.0, for_s=0.16)
+    state = inflicted(world, simulation.init(world), (full, ()), (fault(Corrupt), (1,)))
+    assert [one.rows for one in state.active] == [(), (1,)]
+    state, over = simulation.relieve(world, drive(world, state, 2, a=STILL, b=STILL))
+    assert [one.fault for one in over] == [full]
+    assert len(state.active) == 1
 
 
 # --- minds --------------------------------------------------------------------------------------
