@@ -31,7 +31,6 @@ class Arguments(msgspec.Struct, frozen=True, kw_only=True):
     foxglove_port: int | None = None  # of the live Foxglove server
     segment: int = 0  # above 0: go on where a world was killed, in a recording of this number
     supervisor_pid: int | None = None
-    segment: int = 0  # of the recording; 0 begins a run, n > 0 resumes from the checkpoint
 
 
 def main(arguments: Arguments) -> int:
