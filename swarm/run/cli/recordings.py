@@ -49,7 +49,9 @@ def replay_(
     if as_json:
         options.print_json(found)
     else:
-        print(f"{found.ticks} ticks, {found.commands} commands replayed")
+        print(f"{found.ticks} ticks, {found.commands} commands, {found.restarts} restarts replayed")
+        if found.unheard:
+            print(f"{found.unheard} more answers that the world never got")
         if found.cut:
             print("the recording is cut: replayed up to there")
         if found.missing is not None:
