@@ -91,7 +91,7 @@ def replay(path: Path, only: str | None = None) -> Replay:
     }
     hashed = only is None and plan.clock.mode == "lockstep"
     recorded, replayed = metrics.begin(plan), metrics.begin(plan)
-    history = max(HISTORY_TICKS_MIN, ceil(HISTORY_S / plan.dt_s))
+    history = history_ticks(plan)
     beacons = Beacons(len(names), history)
     ticks = commands = restarts = unheard = 0
     difference: Difference | None = None
@@ -152,6 +152,11 @@ def _check(plan: Scenario, record: TickRecord, expected: int) -> None:
 
 
 # --- what a robot got ---------------------------------------------------------------------------
+
+
+def history_ticks(plan: Scenario) -> int:
+    """How long a frame may go unanswered and a beacon unheard."""
+    return max(HISTORY_TICKS_MIN, ceil(HISTORY_S / plan.dt_s))
 
 
 class Beacons:

@@ -50,9 +50,12 @@ class Swarm:
     def restart(self, name: str, incarnation: int) -> None:
         self.revive(name)
         self.minds[name] = robot.init(self.plan.setup(name), incarnation)
+        self.say("robot-started", name, "", incarnation)
+
+    def say(self, kind: messages.EventKind, name: str, text: str, incarnation: int = 0) -> None:
         tick = self.state.tick
         stamp_ns = self.plan.stamp_ns(tick)
-        self.events.append(messages.Event(tick, stamp_ns, "robot-started", name, "", incarnation))
+        self.events.append(messages.Event(tick, stamp_ns, kind, name, text, incarnation))
 
     def tick(self) -> TickRecord:
         frames = simulation.sense(self.world, self.state)
