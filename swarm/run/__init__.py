@@ -8,6 +8,8 @@ front        progress and outcome, for people
 supervisor   one world process, N robot processes, and the person who watches
 lockstep     the same swarm in one process
 replay       every robot again, from a recording
+difference   two runs side by side
+why          what one robot saw, weighed and did at one moment; explain puts it in words
 bench        what it costs
 reproduce    the paper's figures and claims
 """

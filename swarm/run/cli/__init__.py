@@ -2,7 +2,7 @@
 
     running     run, scenarios, validate           options   what verbs share
     live        status, stop
-    recordings  verify, replay
+    recordings  verify, replay, diff, why
     hand        world, robot, version
     measure     bench, reproduce
 
@@ -44,6 +44,8 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "stop": live.stop,
     "verify": recordings.verify,
     "replay": recordings.replay_,
+    "diff": recordings.diff,
+    "why": recordings.why_,
     "world": hand.world_,
     "robot": hand.robot_,
     "bench": measure.bench,
