@@ -92,6 +92,11 @@ class Leadership(msgspec.Struct, frozen=True, array_like=True):
     name: Name
 
 
+def leadership_order(leadership: Leadership) -> tuple[int, tuple[int, int, int, int], str]:
+    """Sorting key of leaderships, the highest first: later term, better claim, name."""
+    return (-leadership.term, leadership.key, leadership.name)
+
+
 class Beacon(msgspec.Struct, frozen=True, array_like=True):
     """What a robot tells its peers about itself; the only thing they ever know of it.
 
@@ -276,6 +281,9 @@ class ControlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     spec: Annotated[str, msgspec.Meta(max_length=2000)] = ""  # of the fault; without @ it is now
 
 
+ProcessAction = Literal["kill", "stop", "continue", "start", "inspect"]
+
+
 class ProcessRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The world asks the supervisor to do something to a process, exactly now.
 
@@ -285,7 +293,7 @@ class ProcessRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     robot: Name  # or `world`, which can only be killed
-    action: Literal["kill", "stop", "continue", "start", "inspect"]
+    action: ProcessAction
     incarnation: Annotated[int, msgspec.Meta(ge=0, le=2**31)] = 0  # of the one to start
 
 

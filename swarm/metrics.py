@@ -10,12 +10,14 @@ and in tests. What adds up from tick to tick is in swarm.score.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from math import inf
 from typing import Literal
 
 import msgspec
 
 from swarm import geometry
+from swarm.messages import TickRecord
 from swarm.scenario import Expect, Scenario
 from swarm.score import (
     Fault,
@@ -36,6 +38,7 @@ __all__ = [
     "ended",
     "formation_error_now",
     "observe",
+    "of_records",
     "summary",
 ]
 
@@ -137,6 +140,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     late_commands: int
     commands_total: int
     recording: RecordingRow | None
+    world_restarts: int
     state_hash: str | None
     expect: ExpectRow
 
@@ -152,6 +156,15 @@ class Facts(msgspec.Struct, frozen=True, kw_only=True):
     late_commands: int = 0
     recording: RecordingRow | None = None
     restarts: dict[str, int] = {}  # by robot's name; absent: 0
+    world_restarts: int = 0
+
+
+def of_records(scenario: Scenario, records: Iterable[TickRecord]) -> Score:
+    """Score of ticks that have been recorded, in order."""
+    score = begin(scenario)
+    for record in records:
+        observe(score, record)
+    return score
 
 
 def summary(score: Score, facts: Facts) -> Summary:
@@ -203,6 +216,7 @@ def summary(score: Score, facts: Facts) -> Summary:
         late_commands=facts.late_commands,
         commands_total=score.commands_total,
         recording=facts.recording,
+        world_restarts=facts.world_restarts,
         state_hash=score.hash.hexdigest() if facts.clock == "lockstep" else None,
         expect=ExpectRow(met=[], missed=[]),
     )

@@ -13,7 +13,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from math import pi
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 import msgspec
 from msgspec import Meta
@@ -561,6 +561,20 @@ def decode(
             {**defaults, **row} if isinstance(row, dict) else row for row in raw["robots"]
         ]
     return _convert(raw, Scenario, where)
+
+
+def fault(spec: str, *, at_s: float, names: Sequence[str]) -> Fault:
+    """Fault of one text, for a swarm that runs; raises ScenarioError.
+
+    Args:
+        at_s: when it begins if the text does not say.
+        names: robots of the swarm.
+    """
+    table = faults_.table(spec, at_s=at_s, where="fault")
+    found: Fault = _convert(table, cast("type[Fault]", Fault), f"fault {spec}")
+    if (problem := faults_.problem_of(found, names)) is not None:
+        raise errors.ScenarioError(f"fault: {spec}: {problem}")
+    return found
 
 
 def to_builtins(scenario: Scenario) -> dict[str, Any]:

@@ -218,7 +218,7 @@ def _observe_faults(score: Score, record: TickRecord) -> None:
         if event.kind == "fault" and event.robot in score.rows:
             row = score.rows[event.robot]
             score.faults.append(Fault(event.fault, row, event.tick))
-            if score.tallies[row].alive:
+            if score.tallies[row].alive and event.fault in ("kill", "restart", "hang"):
                 score.tallies[row].killed = True
 
 

@@ -28,6 +28,7 @@ SHELLS = {
     "agents.process",
     "world.process",
     "world.conductor",
+    "world.injector",
     "world.watchers",
     "dashboards.live",
     "dashboards.bridge",

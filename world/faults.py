@@ -18,7 +18,9 @@ from swarm.faults import (
     ActuatorFault,
     ActuatorStuck,
     Bias,
+    Corrupt,
     Dead,
+    DiskFull,
     Fault,
     LinkFault,
     Noise,
@@ -29,7 +31,8 @@ from swarm.faults import (
 from swarm.geometry import STILL, Twist
 from swarm.messages import Array, Command
 
-Carried = Slow | LinkFault | SensorFault | ActuatorFault
+# Of the last two the world only keeps that they are there; bus and recorder do the rest.
+Carried = Slow | LinkFault | SensorFault | ActuatorFault | Corrupt | DiskFull
 
 STREAM_LINKS = 8  # second half of the Philox key; faults.STREAM is that of targets
 STREAM_LIDARS = 9

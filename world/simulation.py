@@ -19,7 +19,7 @@ from math import inf
 import msgspec
 import numpy as np
 
-from swarm.faults import ActuatorStuck, Fault, SensorStuck
+from swarm.faults import ActuatorStuck, DiskFull, Fault, SensorStuck
 from swarm.geometry import STILL, Floats, Pose, Ranges, Twist, length, wrap_angle
 from swarm.messages import (
     Array,
@@ -204,7 +204,7 @@ def inflict(
         fault: one that the world carries out, of commands, links, sensors or motors.
         rows: of the robots that it strikes; none: nothing happens.
     """
-    if not rows:
+    if not rows and not isinstance(fault, DiskFull):
         return state
     scenario = world.scenario
     begun = faults.begin(number, fault, rows, state.tick, dt_s=scenario.dt_s)

@@ -167,6 +167,7 @@ def test_summary_has_exactly_the_promised_keys_in_order() -> None:
         "late_commands",
         "commands_total",
         "recording",
+        "world_restarts",
         "state_hash",
         "expect",
     ]

@@ -108,8 +108,8 @@ def world(system: System, end: Connection) -> None:
     bus = zenoh_bus.open_router(RUN, system.endpoint)
     from world.watchers import Watchers  # with Rerun, which a robot has not loaded either
 
-    watchers = Watchers(bus, plan)
-    watchers.open(system.scenario_toml, system.folder, None, None)
+    watchers = Watchers(bus, plan, system.folder)
+    watchers.open(system.scenario_toml, None, None)
 
     def gate(record: TickRecord) -> None:
         if meter.number % 2:
