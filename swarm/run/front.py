@@ -144,8 +144,9 @@ def show_summary(summary: metrics.Summary, folder: str) -> None:
 
 def _lines(summary: metrics.Summary) -> list[str]:
     lines = [
-        f"{summary.arrived} of {summary.robots} arrived, {summary.collisions} collisions, "
-        f"{summary.sim_time_s:g} s simulated"
+        f"{summary.arrived} of {summary.robots} arrived, {summary.collisions} collisions"
+        + (f" ({summary.collisions_excused} excused)" if summary.collisions_excused else "")
+        + f", {summary.sim_time_s:g} s simulated"
         + (
             f" in {summary.wall_time_s:.1f} s ({summary.real_time_factor:.1f} x real time)"
             if summary.wall_time_s and summary.real_time_factor

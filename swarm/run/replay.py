@@ -81,11 +81,11 @@ def replay(path: Path, only: str | None = None) -> Replay:
                 player = players[frame.robot]
                 player.frames[frame.tick] = frame
                 player.frames.pop(frame.tick - FRAMES_KEPT, None)
-        answers = {}
+        answers: dict[str, tuple[Command, Command]] = {}
         for command in record.commands:
             if command.robot in players:
                 answer = _answer(players[command.robot], command)
-                answers[command.robot] = answer
+                answers[command.robot] = command, answer
                 commands += 1
                 if difference is None and answer != command:
                     difference = _difference(record.tick, command, answer)
@@ -144,16 +144,24 @@ def _answer(player: _Player, command: Command) -> Command:
     return answer
 
 
-def _with_answers(record: TickRecord, names: list[str], answers: dict[str, Command]) -> TickRecord:
-    robots = tuple(
-        truth
-        if name not in answers
-        else msgspec.structs.replace(
-            truth, applied=answers[name].set_point, beacon=answers[name].beacon
+def _with_answers(
+    record: TickRecord, names: list[str], answers: dict[str, tuple[Command, Command]]
+) -> TickRecord:
+    """The record with what was answered anew wherever the recorded command had its way.
+
+    A command that came too late, or from a robot that was dead by then, had not.
+    """
+    robots = list(record.robots)
+    for name, (command, answer) in answers.items():
+        row = names.index(name)
+        truth = robots[row]
+        robots[row] = msgspec.structs.replace(
+            truth,
+            applied=answer.set_point if truth.applied == command.set_point else truth.applied,
+            beacon=answer.beacon if truth.beacon == command.beacon else truth.beacon,
         )
-        for name, truth in zip(names, record.robots, strict=True)
-    )
-    return msgspec.structs.replace(record, robots=robots, commands=tuple(answers.values()))
+    commands = tuple(answer for _, answer in answers.values())
+    return msgspec.structs.replace(record, robots=tuple(robots), commands=commands)
 
 
 def _difference(tick: int, recorded: Command, replayed: Command) -> Difference:
