@@ -20,6 +20,7 @@ from tests.run import processes
 
 FULL = 100  # cycles; from here on as many robots as it takes, and memory is looked at
 GROWTH_MAX = 0.10
+SLACK = 10  # descriptors and threads that come and go; one a cycle would be a thousand
 CYCLE_S = 60.0
 RESTART = (
     "restart.robot=on-failure",
@@ -153,7 +154,7 @@ def test_killing_and_restarting_leaves_nothing_behind(
     for name in watched:
         growth = after[name].memory_bytes / before[name].memory_bytes - 1.0
         print(f"{name}: memory {growth:+.1%}, {before[name]} -> {after[name]}")
-        assert after[name].descriptors <= before[name].descriptors
-        assert after[name].threads <= before[name].threads
+        assert after[name].descriptors <= before[name].descriptors + SLACK
+        assert after[name].threads <= before[name].threads + SLACK
         if cycles >= FULL:
             assert growth < GROWTH_MAX
