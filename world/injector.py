@@ -218,7 +218,7 @@ class Injector:
             for row in active.rows:
                 key = [now.scenario.seed, GARBAGE_STREAM + (active.number << 8)]
                 generator = np.random.Generator(
-                    np.random.Philox(key=key, counter=[row, now.tick, 0, 0])
+                    np.random.Philox(key=key, counter=[0, now.tick, row, 0])
                 )
                 size = int(generator.integers(0, GARBAGE_BYTES_MAX))
                 payload = generator.bytes(size)

@@ -40,7 +40,7 @@ def conduct(
     path = order.folder / runs.SUMMARY
     if problem is None and not path.exists():
         problem = f"{path}: expected the world's summary, got none: is the disk full?"
-    summary = summary_of(order.folder, order.name, order.run)
+    summary = summary_of(order.folder, order.name, order.run, ending.world_restarts)
     return Conducted(summary, ending.interrupted, ending.overtime, problem)
 
 
@@ -128,7 +128,7 @@ def _run_in_memory(order: supervisor.Plan, watcher: supervisor.Watcher) -> Condu
             signal.signal(number, handler)
 
 
-def summary_of(folder: Path, name: str, run: str) -> metrics.Summary:
+def summary_of(folder: Path, name: str, run: str, world_restarts: int = 0) -> metrics.Summary:
     """Summary the world wrote; when it could not, what its recording still tells."""
     path = folder / runs.SUMMARY
     with contextlib.suppress(OSError, msgspec.DecodeError):
@@ -140,7 +140,13 @@ def summary_of(folder: Path, name: str, run: str) -> metrics.Summary:
             if record.tick != score.tick + 1:
                 break
             metrics.observe(score, record)
-    facts = metrics.Facts(scenario=name, run=run, bus="zenoh", clock=plan.clock.mode)
+    facts = metrics.Facts(
+        scenario=name,
+        run=run,
+        bus="zenoh",
+        clock=plan.clock.mode,
+        world_restarts=world_restarts,
+    )
     summary = msgspec.structs.replace(metrics.summary(score, facts), outcome="failed")
     runs.write_whole(path, msgspec.json.format(msgspec.json.encode(summary)))
     return summary

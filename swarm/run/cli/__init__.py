@@ -1,7 +1,7 @@
 """The command line: every verb of `swarm`, its flags, and what its exit code means.
 
     running     run, scenarios, validate           options   what verbs share
-    live        status, stop
+    live        status, stop, kill, restart, fault
     recordings  verify, replay, diff, why
     hand        world, robot, version
     measure     bench, reproduce
@@ -42,6 +42,9 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "run": running.run,
     "status": live.status,
     "stop": live.stop,
+    "kill": live.kill,
+    "restart": live.restart,
+    "fault": live.fault,
     "verify": recordings.verify,
     "replay": recordings.replay_,
     "diff": recordings.diff,
