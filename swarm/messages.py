@@ -36,6 +36,11 @@ Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
 Reason = Literal["", "contact", "sensors", "enclosed", "too-long", "leader"]
 
 
+# Of an array. Where one side is 0 the others could be anything, and numpy does not take that.
+SIDES_MAX = 3
+SIDE_MAX = 65_536
+
+
 # --- pieces -------------------------------------------------------------------------------------
 
 
@@ -48,10 +53,14 @@ class Array(msgspec.Struct, frozen=True, array_like=True):
 
     def __post_init__(self) -> None:
         expected = prod(self.shape) * (8 if self.dtype == "<f8" else 4)
-        if len(self.data) != expected or any(side < 0 for side in self.shape):
+        if len(self.data) != expected:
             raise ValueError(
                 f"expected {expected} bytes for shape {self.shape} of {self.dtype}, "
                 f"got {len(self.data)}"
+            )
+        if len(self.shape) > SIDES_MAX or not all(0 <= side <= SIDE_MAX for side in self.shape):
+            raise ValueError(
+                f"expected at most {SIDES_MAX} sides of 0 to {SIDE_MAX}, got {self.shape}"
             )
 
     def numpy(self) -> npt.NDArray[Any]:
