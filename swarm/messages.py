@@ -165,6 +165,10 @@ class Trace(msgspec.Struct, frozen=True, array_like=True):
     speed_limit_mps: Finite = 0.0  # what braking guard and peer guard allowed
     limited_by: str = ""  # "" | "brake" | the peer's name
 
+    def __post_init__(self) -> None:
+        if self.sectors.dtype != "<f4" or len(self.sectors.shape) != 1:
+            raise ValueError(f"expected sectors as (sectors,) of <f4, got {self.sectors.dtype}")
+
 
 # --- what travels -------------------------------------------------------------------------------
 
@@ -340,6 +344,12 @@ class FrameRecord(msgspec.Struct, frozen=True, array_like=True):
     contact: bool
     ranges: Array
     heard: Array  # (beacons, 2) int32: row of the speaker, tick of its beacon
+
+    def __post_init__(self) -> None:
+        if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:
+            raise ValueError(f"expected ranges as (beams,) of <f4, got {self.ranges.dtype}")
+        if self.heard.dtype != "<i4" or self.heard.shape[1:] != (2,):
+            raise ValueError(f"expected heard as (beacons, 2) of <i4, got {self.heard.shape}")
 
 
 class TickRecord(msgspec.Struct, frozen=True, array_like=True):

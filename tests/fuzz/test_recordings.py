@@ -14,8 +14,8 @@ import tomli_w
 
 from swarm import errors, recording, scenario
 from swarm.messages import TickRecord
-from swarm.playback import decode_tick
 from swarm.run import difference, replay, why
+from swarm.source import decode_tick
 from swarm.verdict import verify_file
 from tests.fuzz import mutations
 from tests.fuzz.campaign import Campaign
