@@ -219,8 +219,12 @@ class _Conductor:
         """Wait until every robot has said ready; begin without those that do not come."""
         attendance, run = self._attendance, self._run
         deadline_s = self._now() + self._scenario.clock.start_timeout_s
+        inspect_s = self._now()
+        if resumed is None:
+            inspect_s += INSPECT_S  # later some may have died while there was no world
         while self._stop.reason is None and (missing := attendance.absent()):
-            if resumed is not None:  # some may have died while there was no world
+            if self._now() >= inspect_s:
+                inspect_s = self._now() + INSPECT_S
                 missing = [name for name in missing if not attendance.is_dead(name)]
             if self._now() >= deadline_s or not missing:
                 break
