@@ -1,6 +1,7 @@
 """What a robot knows of its peers: their newest beacons, moved on to now.
 
     beacons heard --remember--> State.peers --now--> [Peer]
+                                     '--lose--> bodies of those that fell silent
 
 Beacons are a tick old or older, and some are lost: each is extrapolated with its own twist before
 any use, and forgotten once it is older than a bound; its body is then an obstacle like any other.
@@ -15,12 +16,14 @@ import msgspec
 
 from swarm import geometry
 from swarm.geometry import Pose, Vec2
-from swarm.messages import Beacon
+from swarm.messages import Beacon, Name
 from swarm.scenario import RobotSetup
 
 # Nothing in a scenario lies further out or moves faster; beyond, squares would overflow.
 COORDINATE_M_MAX = 1e6
 RATE_MAX = 1e3  # m/s and rad/s
+# Who falls silent was heard a tick before, and comes to rest within about another.
+STOPPING_TICKS = 2
 
 
 class Peer(msgspec.Struct, frozen=True):
@@ -41,6 +44,15 @@ class Peer(msgspec.Struct, frozen=True):
         return (speed_mps * cos(self.pose.yaw_rad), speed_mps * sin(self.pose.yaw_rad))
 
 
+class Body(msgspec.Struct, frozen=True):
+    """Where a robot stands that is not heard any more, or says that it cannot move."""
+
+    name: Name
+    x_m: float
+    y_m: float
+    radius_m: float
+
+
 def remember(
     known: tuple[Beacon, ...], heard: Iterable[Beacon], name: str, tick: int, ticks_max: int
 ) -> tuple[Beacon, ...]:
@@ -59,6 +71,24 @@ def remember(
     return tuple(
         [newest[key] for key in sorted(newest) if 0 <= tick - newest[key].tick <= ticks_max]
     )
+
+
+def lose(
+    bodies: tuple[Body, ...],
+    before: tuple[Beacon, ...],
+    known: tuple[Beacon, ...],
+    dt_s: float,
+) -> tuple[Body, ...]:
+    """Bodies of all that were heard once and are silent now, in order of their names."""
+    heard = {beacon.name for beacon in known}
+    gone = [beacon for beacon in before if beacon.name not in heard]
+    if not gone and not any(body.name in heard for body in bodies):
+        return bodies
+    standing = {body.name: body for body in bodies if body.name not in heard}
+    for beacon in gone:
+        there = geometry.advance(beacon.pose, beacon.twist, STOPPING_TICKS * dt_s)
+        standing[beacon.name] = Body(beacon.name, there.x_m, there.y_m, beacon.body_radius_m)
+    return tuple([standing[name] for name in sorted(standing)])
 
 
 def now(beacons: tuple[Beacon, ...], pose: Pose, tick: int, dt_s: float) -> list[Peer]:
@@ -97,6 +127,11 @@ def safe_distance(setup: RobotSetup, peer: Peer) -> float:
 def is_in_formation(beacon: Beacon) -> bool:
     """Whether a peer leads or follows; there is one formation in a swarm."""
     return beacon.slot is not None or beacon.leadership is not None
+
+
+def has_come_to_grief(beacon: Beacon) -> bool:
+    """Whether a peer says that it cannot go on, so that it is an obstacle and not waited for."""
+    return beacon.mode == "FAILED" or beacon.reason == "motors"
 
 
 def stands(beacon: Beacon) -> bool:
