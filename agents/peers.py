@@ -99,23 +99,53 @@ def now(beacons: tuple[Beacon, ...], pose: Pose, tick: int, dt_s: float) -> list
     for beacon in beacons:
         age_ticks = tick - beacon.tick
         there = geometry.advance(beacon.pose, beacon.twist, age_ticks * dt_s)
-        dx_m = there.x_m - pose.x_m
-        dy_m = there.y_m - pose.y_m
-        x_m = ahead * dx_m + aside * dy_m
-        y_m = ahead * dy_m - aside * dx_m
-        found.append(
-            Peer(
-                beacon=beacon,
-                pose=there,
-                offset=(dx_m, dy_m),
-                offset_body=(x_m, y_m),
-                distance_m=geometry.length(dx_m, dy_m),
-                bearing_rad=atan2(y_m, x_m),
-                age_s=age_ticks * dt_s,
-                missed_ticks=max(0, age_ticks - 1),
-            )
-        )
+        found.append(_seen(beacon, there, pose, ahead, aside, age_ticks, dt_s))
     return found
+
+
+def halted(others: Iterable[Peer], pose: Pose, dt_s: float) -> list[Peer]:
+    """Those that should have been heard since, where they are if they stopped at once instead."""
+    ahead = cos(pose.yaw_rad)
+    aside = sin(pose.yaw_rad)
+    return [
+        _seen(
+            peer.beacon,
+            geometry.advance(peer.beacon.pose, peer.beacon.twist, dt_s),
+            pose,
+            ahead,
+            aside,
+            peer.missed_ticks + 1,
+            dt_s,
+        )
+        for peer in others
+        if peer.missed_ticks > 0
+    ]
+
+
+def _seen(
+    beacon: Beacon,
+    there: Pose,
+    pose: Pose,
+    ahead: float,
+    aside: float,
+    age_ticks: int,
+    dt_s: float,
+) -> Peer:
+    """A peer at a pose, from a robot at another with that cosine and sine of its heading."""
+    dx_m = there.x_m - pose.x_m
+    dy_m = there.y_m - pose.y_m
+    x_m = ahead * dx_m + aside * dy_m
+    y_m = ahead * dy_m - aside * dx_m
+    return Peer(
+        beacon=beacon,
+        pose=there,
+        offset=(dx_m, dy_m),
+        offset_body=(x_m, y_m),
+        distance_m=geometry.length(dx_m, dy_m),
+        bearing_rad=atan2(y_m, x_m),
+        age_s=age_ticks * dt_s,
+        missed_ticks=max(0, age_ticks - 1),
+    )
 
 
 def safe_distance(setup: RobotSetup, peer: Peer) -> float:
@@ -131,7 +161,7 @@ def is_in_formation(beacon: Beacon) -> bool:
 
 def has_come_to_grief(beacon: Beacon) -> bool:
     """Whether a peer says that it cannot go on, so that it is an obstacle and not waited for."""
-    return beacon.mode == "FAILED" or beacon.reason == "motors"
+    return beacon.mode == "FAILED" or beacon.reason in ("motors", "sensors")
 
 
 def stands(beacon: Beacon) -> bool:
@@ -145,4 +175,5 @@ def _is_plausible(beacon: Beacon) -> bool:
     return (
         abs(pose.x_m) + abs(pose.y_m) <= COORDINATE_M_MAX
         and rates + abs(beacon.formation_turn_rate_radps) <= RATE_MAX
+        and abs(beacon.formation_heading_rad) + abs(beacon.bearing_now_rad) <= RATE_MAX
     )

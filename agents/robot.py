@@ -14,6 +14,8 @@ lock file. All that is remembered is in State.
 
 from __future__ import annotations
 
+from math import isfinite
+
 import msgspec
 
 from agents import (
@@ -21,6 +23,7 @@ from agents import (
     follow,
     formation,
     guard,
+    health,
     mission,
     msam,
     peers,
@@ -62,6 +65,7 @@ class State(msgspec.Struct, frozen=True):
     seeking: seek.State = seek.State()
     following: follow.State = follow.State()
     waiting: priority.State = priority.State()
+    health: health.State = health.State()
 
 
 def init(setup: RobotSetup, incarnation: int = 0) -> State:
@@ -101,12 +105,23 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
 
     # 2. Look: the map, without the bodies that are dealt with as peers.
     masked = [peer for peer in others if is_masked(setup, role, peer)]
-    map = msam.update(setup, frame.ranges_m(), masked)
+    ranges_m, complete = health.known_ranges(frame.ranges_m())
+    map = msam.update(setup, ranges_m, masked)
+    well = health.step(
+        setup, state.health, frame, map, others, state.command, trusted=sane and complete
+    )
+    state = msgspec.structs.replace(state, health=well)
+    complaint = health.complaint(well)
 
     # 3. Decide.
-    wish = Wish(mode="FAILED", reason="contact" if sane else "sensors")
-    if sane and not frame.contact:
+    if frame.contact:
+        wish = Wish(mode="FAILED", reason="contact")
+    elif complaint == "sensors":
+        wish = Wish(mode="HOLD", reason="sensors")
+    else:
         state, wish = decide(setup, state, role, frame, map, others, elapsed_s)
+        if complaint == "motors":  # it goes on asking, so it notices when they come back
+            wish = msgspec.structs.replace(wish, mode="HOLD", reason="motors")
 
     # 4. Give way, slew, guard.
     claim = priority.claim(role, state.slot, setup.row)
@@ -123,10 +138,10 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
     set_point, allowed = restrain(setup, frame, asked, map, others)
-    if frame.contact or not sane:
-        set_point = STILL
+    if wish.reason in ("contact", "sensors") or not is_finite(set_point):
+        set_point = Twist(0.0, health.PROBE_RADPS) if probes(frame, well) else STILL
     limited = wish.saturated or waiting.yields_to is not None or set_point != asked
-    fit = state.mission is not None and can_lead(role, wish)
+    fit = state.mission is not None and can_lead(role, wish, well)
     state = msgspec.structs.replace(
         state, waiting=waiting, command=set_point, limited=limited, fit=fit
     )
@@ -242,6 +257,16 @@ def is_sane(frame: SensorFrame) -> bool:
     )
 
 
+def is_finite(twist: Twist) -> bool:
+    """Whether a set-point is one that motors could be given."""
+    return isfinite(twist.speed_mps) and isfinite(twist.turn_rate_radps)
+
+
+def probes(frame: SensorFrame, well: health.State) -> bool:
+    """Whether to turn on the spot, so as to see whether a frozen scan changes."""
+    return well.frozen and not frame.contact
+
+
 def is_masked(setup: RobotSetup, role: Role, peer: Peer) -> bool:
     """Whether a peer's body is left out of the map, because rules and forces deal with it.
 
@@ -290,7 +315,7 @@ def decide(
             state.slot,
             extended=extended,
             frozen=state.limited,
-            waiting=state.waiting.yields_to is not None,
+            waiting=is_held_up(state),
             elapsed_s=elapsed_s,
         )
         return replace(state, following=following), wish
@@ -304,7 +329,7 @@ def decide(
         others,
         speed_mps=setup.robot.speed_mps_max,
         extended=extended,
-        waiting=state.waiting.yields_to is not None,
+        waiting=is_held_up(state),
         elapsed_s=elapsed_s,
     )
     return replace(state, seeking=seeking), wish
@@ -338,7 +363,7 @@ def lead(
             (),
             speed_mps=cruise_mps * formation.pace(setup.formation, lag_m),
             extended=setup.robot.controller == "extended",
-            waiting=False,
+            waiting=is_held_up(state),
             elapsed_s=elapsed_s,
         )
         if not wish.arrived:
@@ -359,18 +384,25 @@ def lead(
     ), wish
 
 
+def is_held_up(state: State) -> bool:
+    """Whether something else than the way keeps the robot, so that clocks of the way stand."""
+    return state.waiting.yields_to is not None or health.complaint(state.health) == "motors"
+
+
 def is_led(peer: Peer) -> bool:
     """Whether a leader counts with a peer: waits for it, and gives it a slot."""
     return peers.is_in_formation(peer.beacon) and not peers.has_come_to_grief(peer.beacon)
 
 
-def can_lead(role: Role, wish: Wish) -> bool:
+def can_lead(role: Role, wish: Wish, well: health.State) -> bool:
     """Whether a robot in this role with such a wish is good for a leader.
 
-    A leader that finds no way to the goal stays leader: nobody else would find one.
+    A leader that finds no way to the goal stays leader: nobody else would find one. One that sees
+    nothing stays it for a moment.
     """
     if role == "leader":
-        return wish.reason in ("", "enclosed", "too-long")
+        briefly = wish.reason == "sensors" and well.blind_s <= health.BLIND_S
+        return briefly or wish.reason in ("", "enclosed", "too-long")
     return role == "follower" and wish.reason == ""
 
 
@@ -396,7 +428,9 @@ def restrain(
     reached = steering.slew(
         setup.robot, frame.twist, asked.speed_mps, asked.turn_rate_radps, setup.dt_s
     )
-    allowed = guard.limit(setup, map, others, forward=reached.speed_mps >= 0.0)
+    # A peer that is not heard may go on, or may have died and stopped: neither may be touched.
+    bodies = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
+    allowed = guard.limit(setup, map, bodies, forward=reached.speed_mps >= 0.0)
     speed_mps = steering.clip(reached.speed_mps, allowed.speed_mps)
     return steering.scale_to_rims(setup.robot, Twist(speed_mps, reached.turn_rate_radps)), allowed
 
@@ -425,7 +459,7 @@ def beacon(
         tick=frame.tick,
         incarnation=state.incarnation,
         pose=frame.pose,
-        twist=state.command,
+        twist=STILL if wish.reason == "motors" else state.command,
         body_radius_m=robot.body_radius_m,
         speed_mps_max=robot.speed_mps_max,
         mode=wish.mode,

@@ -229,10 +229,12 @@ def test_step_answers_anything_with_finite_set_points(
         assert messages.decode(messages.COMMAND, wire) == command
 
 
-def test_frames_with_nan_never_reach_a_robot() -> None:
+def test_frame_takes_nan_for_unknown_but_nothing_negative() -> None:
     ranges_m = scenes.nothing()
     ranges_m[3] = nan
-    with pytest.raises(ValueError, match="numbers"):
+    assert np.isnan(scenes.frame(ranges_m=ranges_m).ranges_m()[3])
+    ranges_m[3] = -0.1
+    with pytest.raises(ValueError, match="negative"):
         scenes.frame(ranges_m=ranges_m)
 
 
