@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 import msgspec
 
-from swarm.messages import Beacon, Leadership
+from swarm.messages import Beacon, Leadership, leadership_order
 
 Key = tuple[int, int, int, int]
 
@@ -117,4 +117,4 @@ def leads(beacon: Beacon) -> bool:
 
 def is_higher(one: Leadership, other: Leadership) -> bool:
     """Whether one claim is above another: later term, then better key, then name."""
-    return (-one.term, one.key, one.name) < (-other.term, other.key, other.name)
+    return leadership_order(one) < leadership_order(other)

@@ -6,6 +6,7 @@ import gc
 import math
 import sys
 import time
+from collections import deque
 from pathlib import Path
 
 import msgspec
@@ -21,6 +22,7 @@ from swarm.scenario import RobotSetup
 POLL_S = 0.5  # how often an idle robot looks whether anyone is still there
 ABSENCE_S = 1.5  # world and supervisor away for so long: nobody will come back for us
 SETUP_TIMEOUT_S = 15.0
+STATES_KEPT = 32  # frames; a world that was killed begins again at most so many before the newest
 
 _setup_decoder = msgspec.msgpack.Decoder(RobotSetup)
 
@@ -87,9 +89,13 @@ class RobotShell:
         self._tick = -1
         self._world_left = False
         self._answered: Command | None = None  # the newest, should the world ask for it again
+        # Frames' ticks with the State before each, for a world that begins again before them.
+        self._before: deque[tuple[int, robot.State]] = deque(maxlen=STATES_KEPT)
         robot.step(setup, self._state, _warm_up_frame(setup))  # first calls are slow ones
         bus.subscribe(FRAME, setup.robot.name, newest=setup.clock.mode == "realtime")
-        bus.announce("robot", setup.robot.name)  # last: who sees it may send frames
+        bus.announce(
+            "robot", messages.token_name(setup.robot.name, incarnation)
+        )  # last: who sees it may send frames
 
     def loop(self, stop: lifetime.Stop, *, supervised: bool) -> None:
         """Answer frames until told to stop.
@@ -118,18 +124,32 @@ class RobotShell:
             self._begin_again()
         if frame.tick == self._tick and self._answered is not None:
             self._bus.publish(COMMAND, self._answered, self._answered.robot)  # it was lost
-        if frame.tick <= self._tick:
             return
+        if frame.tick <= self._tick:
+            self._go_back(frame.tick)
+        self._before.append((frame.tick, self._state))
         self._tick = frame.tick
         self._state, command = robot.step(self._setup, self._state, frame)
         self._answered = command
         self._bus.publish(COMMAND, command, command.robot)
 
+    def _go_back(self, tick: int) -> None:
+        """Forget what came from `tick` on: the world was killed, and goes on there.
+
+        Should the State of then not be kept any more, it is the oldest that is.
+        """
+        while self._before:
+            before, self._state = self._before.pop()
+            if before <= tick:
+                break
+
     def _begin_again(self) -> None:
         """Another world has taken the place of the one that ended, perhaps with other plans."""
         self._setup = ask_setup(self._bus, self._setup.robot.name)
         self._state = robot.init(self._setup, self._incarnation)
+        self._before.clear()
         self._tick = -1
+        self._answered = None
         self._world_left = False
 
 

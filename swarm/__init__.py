@@ -14,6 +14,8 @@ errors      what can go wrong outside
 score       what adds up from tick to tick
 metrics     stream of ticks -> summary
 bus         the seam between processes; in memory here, over Zenoh in zenoh_bus
-recording   MCAP out and in; playback reads, verdict judges, salvage digs, backlog waits
+recording   MCAP out and in; playback reads, verdict judges, mending repairs, salvage digs,
+            backlog waits, container knows the format
+compare     where two ticks differ, by robot and field
 run         what composes them: command line, supervisor, lock-step, replay, bench, reproduce
 """

@@ -93,6 +93,11 @@ class Leadership(msgspec.Struct, frozen=True, array_like=True):
     name: Name
 
 
+def leadership_order(leadership: Leadership) -> tuple[int, tuple[int, int, int, int], str]:
+    """Sorting key of leaderships, the highest first: later term, better claim, name."""
+    return (-leadership.term, leadership.key, leadership.name)
+
+
 class Beacon(msgspec.Struct, frozen=True, array_like=True):
     """What a robot tells its peers about itself; the only thing they ever know of it.
 
@@ -181,7 +186,7 @@ class SensorFrame(msgspec.Struct, frozen=True, array_like=True):
         if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:
             raise ValueError(f"expected ranges as (beams,) of <f4, got {self.ranges.dtype}")
         if (self.ranges.numpy() < 0.0).any():
-            raise ValueError("expected ranges that are not negative")
+            raise ValueError("expected ranges >= 0, inf or NaN")
 
     def ranges_m(self) -> Ranges:
         """(beams,) float32, read-only."""
@@ -207,7 +212,9 @@ EventKind = Literal[
     "robot-hung",
     "robot-returned",
     "fault",
+    "fault-over",
     "fault-failed",
+    "world-resumed",
     "collision",
     "message-rejected",
     "recording",
@@ -216,7 +223,11 @@ EventKind = Literal[
 
 
 class Event(msgspec.Struct, frozen=True, array_like=True):
-    """Something worth telling a person, and replay."""
+    """Something worth telling a person, and replay.
+
+    `robot-started` with an incarnation above 0 tells that the robot begins again, remembering
+    nothing. What one fault does to several robots is an event for each, with the same number.
+    """
 
     tick: Tick
     stamp_ns: Stamp
@@ -224,19 +235,29 @@ class Event(msgspec.Struct, frozen=True, array_like=True):
     robot: Name | None = None
     text: str = ""
     incarnation: int = 0
+    fault: str = ""  # kind, of the events about faults
+    number: int = -1  # of the fault in this run
+
+
+# What the world makes of a robot. Neither waited for nor sent anything: those that are lost (its
+# token has gone), hung (it does not answer), killed (by a fault), restarting, missing (never came).
+RobotState = Literal[
+    "starting", "running", "collided", "lost", "hung", "killed", "restarting", "missing"
+]
 
 
 class RobotStatus(msgspec.Struct, frozen=True):
     """One row of `swarm status`."""
 
     name: Name
-    state: Literal["starting", "running", "lost", "hung", "killed", "collided", "missing"]
+    state: RobotState
     mode: str
     leader: str
     arrived: bool
     late_commands: int
     error_m: float | None
     reason: str = ""  # why it says FAILED
+    restarts: int = 0
 
 
 class Status(msgspec.Struct, frozen=True):
@@ -263,14 +284,24 @@ class ScenarioRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ControlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The command line asks something of the world."""
 
-    action: Literal["status", "stop"]
+    action: Literal["status", "stop", "fault"]
+    spec: Annotated[str, msgspec.Meta(max_length=2000)] = ""  # of the fault; without @ it is now
+
+
+ProcessAction = Literal["kill", "stop", "continue", "start", "inspect"]
 
 
 class ProcessRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The world asks the supervisor to do something to a robot's process, exactly now."""
+    """The world asks the supervisor to do something to a process, exactly now.
 
-    robot: Name
-    action: Literal["kill"]
+    The answer comes when it is done: kill, when the process is gone; stop and continue, when the
+    signal has its effect; start, when the new process runs (it says itself when it is ready).
+    `inspect` answers with a text that begins with dead, stopped or running.
+    """
+
+    robot: Name  # or `world`, which can only be killed
+    action: ProcessAction
+    incarnation: Annotated[int, msgspec.Meta(ge=0, le=2**31)] = 0  # of the one to start
 
 
 class Reply(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -294,6 +325,7 @@ class RobotRecord(msgspec.Struct, frozen=True, array_like=True):
     applied: Twist  # the set-point of this tick's command, zero when there is none in force
     beacon: Beacon | None  # newest it published, this tick's included; None before its first
     obstacle_clearance_m: float  # body surface to the nearest obstacle's; inf without obstacles
+    excused: bool = False  # the contact: motors or a lidar with a fault, its own or the other's
 
 
 class FrameRecord(msgspec.Struct, frozen=True, array_like=True):
@@ -383,6 +415,11 @@ def key(row: Topic | Query, run: str, robot: str = "*") -> str:
 def alive_key(run: str, role: str = "*", name: str = "*") -> str:
     """Key of a liveliness token."""
     return ALIVE_KEY.format(run=run, role=role, name=name)
+
+
+def token_name(robot: str, incarnation: int) -> str:
+    """Name in a robot's liveliness token; each process of it has its own."""
+    return robot if incarnation == 0 else f"{robot}.{incarnation}"
 
 
 def parse_alive_key(text: str) -> tuple[str, str] | None:

@@ -23,6 +23,7 @@ from swarm.scenario import Scenario
 
 LINGER_S = 2.0  # a run goes on for so long after the last arrival
 PATIENCE_S = 10.0  # and for so much longer while a formation error exceeds what is expected
+SILENCING = ("kill", "restart", "hang")  # faults that take the mind away
 SETTLED_M = 0.1  # a formation has settled while every error is below this
 
 Ending = Literal["arrived", "blocked", "duration", "timeout", "stranded"]
@@ -34,7 +35,8 @@ class Tally(msgspec.Struct):
 
     alive: bool = True
     contact: bool = False
-    killed: bool = False  # by an injected fault
+    excused: bool = False  # that contact
+    killed: bool = False  # by an injected fault, and not back yet
     x_m: float = 0.0
     y_m: float = 0.0
     path_m: float = 0.0
@@ -57,6 +59,8 @@ class Fault(msgspec.Struct):
     kind: str
     row: int
     tick: int
+    number: int = -1  # in the run; several robots may share it
+    over_tick: int | None = None
     lost: bool = False  # the world has taken the robot as lost
     detected_tick: int | None = None
     recovered_tick: int | None = None
@@ -227,14 +231,13 @@ def _observe_faults(score: Score, record: TickRecord) -> None:
         score.faults_failed += event.kind == "fault-failed"
         if event.kind == "fault" and event.robot in score.rows:
             row = score.rows[event.robot]
-            kinds = [
-                fault.kind
-                for fault in score.scenario.faults
-                if fault.target == event.robot and score.scenario.tick_of(fault.at_s) == event.tick
-            ]
-            score.faults.append(Fault(kinds[0] if kinds else "kill", row, event.tick))
-            if score.tallies[row].alive:
+            score.faults.append(Fault(event.fault, row, event.tick, event.number))
+            if score.tallies[row].alive and event.fault in SILENCING:
                 score.tallies[row].killed = True
+        if event.kind == "fault-over" and event.robot in score.rows:
+            for fault in score.faults:
+                if (fault.number, fault.row) == (event.number, score.rows[event.robot]):
+                    fault.over_tick = event.tick
 
 
 def _observe_bodies(score: Score, robots: tuple[RobotRecord, ...]) -> None:
@@ -245,6 +248,8 @@ def _observe_bodies(score: Score, robots: tuple[RobotRecord, ...]) -> None:
             tally.path_m += geometry.length(x_m - tally.x_m, y_m - tally.y_m)
         tally.x_m, tally.y_m = x_m, y_m
         tally.alive, tally.contact = robot.alive, robot.contact
+        tally.excused = robot.excused
+        tally.killed &= not robot.alive
         if robot.alive and robot.obstacle_clearance_m < score.clearance_obstacle_m:
             score.clearance_obstacle_m = robot.obstacle_clearance_m
         yields_to = None
@@ -317,6 +322,8 @@ def _observe_recovery(score: Score, robots: tuple[RobotRecord, ...]) -> None:
     led = {claim.name for claim in map(_followed, robots) if claim is not None}
     settled = score.agreed and (score.error_m is None or score.error_m <= SETTLED_M)
     for fault in score.faults:
+        if fault.kind not in SILENCING:
+            continue
         fault.lost |= not robots[fault.row].alive
         gone = fault.lost and score.scenario.robots[fault.row].name not in led
         if fault.detected_tick is None and gone:

@@ -21,11 +21,16 @@ SHELLS = {
     "swarm.playback",
     "swarm.verdict",
     "swarm.backlog",
+    "swarm.container",
+    "swarm.mending",
     "swarm.lifetime",
     "swarm.runs",
     "agents.process",
     "world.process",
+    "world.attendance",
     "world.conductor",
+    "world.desk",
+    "world.injector",
     "world.watchers",
     "dashboards.live",
     "dashboards.bridge",
@@ -33,7 +38,7 @@ SHELLS = {
 # the only module, or package, that may import a library
 ONLY = {
     "zenoh": ("swarm.zenoh_bus", "swarm.run.bench"),  # the bench's floor is a bare Zenoh barrier
-    "mcap": ("swarm.recording", "swarm.backlog"),
+    "mcap": ("swarm.container",),
     "rerun": ("dashboards",),
     "foxglove": ("dashboards",),
     "typer": ("swarm.run",),

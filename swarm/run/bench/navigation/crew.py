@@ -20,7 +20,7 @@ from typing import Generic, TypeVar
 import msgspec
 
 from swarm import lifetime
-from swarm.run import supervisor
+from swarm.run import child
 
 PRELOAD = ["swarm.run.bench.navigation.course"]
 END_S = 2.0  # from SIGTERM to SIGKILL
@@ -49,7 +49,7 @@ class _Worker(Generic[J, V]):
             target=_main,
             args=(far, work, f"bench-{number}", multiprocessing.current_process().pid),
         )
-        with supervisor.without_main():
+        with child.without_main():
             self.process.start()
         far.close()
 
