@@ -68,12 +68,18 @@ class Hang(_Fault, frozen=True, kw_only=True, tag="hang"):
 
 
 class Slow(_Fault, frozen=True, kw_only=True, tag="slow"):
-    """Its commands, beacons with them, come so much too late."""
+    """Its commands, beacons with them, come so much too late, in whole ticks; none is lost.
+
+    Later than clock.command_ttl they move nothing: the body brakes. At the end all that is on its
+    way comes at once, and the newest counts. Of several the longest.
+    """
 
     late_s: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.16
 
 
 # --- links: beacons to and from the target ------------------------------------------------------
+# Whom the radio does not reach hears nothing all the same. Every link is drawn for itself, in every
+# tick. Commands and frames are not touched.
 
 
 class Loss(_Fault, frozen=True, kw_only=True, tag="loss"):
@@ -83,13 +89,20 @@ class Loss(_Fault, frozen=True, kw_only=True, tag="loss"):
 
 
 class Delay(_Fault, frozen=True, kw_only=True, tag="delay"):
-    """Beacons to or from the target arrive so much later."""
+    """Beacons to or from the target arrive so much later, in whole ticks.
+
+    At first nothing arrives: it is on its way. At the end the newest arrives at once, and what was
+    on its way is lost. Of several on one link the longest.
+    """
 
     delay_s: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.16
 
 
 class Duplicate(_Fault, frozen=True, kw_only=True, tag="duplicate"):
-    """The beacon before the newest arrives once more with this probability."""
+    """With this probability the beacon before the newest arrives once more, after the newest.
+
+    Both ways, and only together with the newest: what is lost is lost twice.
+    """
 
     probability: Share = 0.2
 
@@ -106,44 +119,44 @@ class Mute(_Fault, frozen=True, kw_only=True, tag="mute"):
     """Nobody hears the target."""
 
 
-# --- sensors ------------------------------------------------------------------------------------
+# --- sensors: the lidar. Poses and twists stay true --------------------------------------------
 
 
 class Dropout(_Fault, frozen=True, kw_only=True, tag="dropout"):
-    """Each beam misses what it should hit with this probability."""
+    """Each beam misses what it should hit with this probability, in every tick anew: inf."""
 
     probability: Share = 0.2
 
 
 class SensorStuck(_Fault, frozen=True, kw_only=True, tag="sensor-stuck"):
-    """The lidar shows the scan of the tick when it began, over and over."""
+    """The lidar shows the scan of the tick when it began, over and over, with its faults then."""
 
 
 class Noise(_Fault, frozen=True, kw_only=True, tag="noise"):
-    """Ranges are off by a normal deviate, cut at three sigma."""
+    """Ranges are off by a normal deviate, clipped at three sigma and never out of [0, range]."""
 
     sigma_m: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.02
 
 
 class Bias(_Fault, frozen=True, kw_only=True, tag="bias"):
-    """Ranges are off by so much, all the same way."""
+    """Ranges are off by so much, all the same way, never out of [0, range]; a miss stays one."""
 
     bias_m: Annotated[float, Meta(ge=-5.0, le=5.0)] = 0.05
 
 
 class Nan(_Fault, frozen=True, kw_only=True, tag="nan"):
-    """Ranges are not numbers."""
+    """All ranges are NaN: invalid, as REP-117 says."""
 
 
-# --- motors -------------------------------------------------------------------------------------
+# --- motors: what the body makes of the set-point. A robot that is dead brakes all the same ----
 
 
 class ActuatorStuck(_Fault, frozen=True, kw_only=True, tag="actuator-stuck"):
-    """The motors keep the set-point of the tick when it began."""
+    """The motors keep the set-point that was in force when it began, whatever they are told."""
 
 
 class Weak(_Fault, frozen=True, kw_only=True, tag="weak"):
-    """The body reaches only this share of every set-point."""
+    """The motors take only this share, in speed and turn rate, of every set-point."""
 
     factor: Share = 0.5
 

@@ -93,6 +93,7 @@ class FaultRow(msgspec.Struct, frozen=True, kw_only=True):
     kind: str
     target: str
     tick: int
+    over_s: float | None  # how long it lasted; None: to the end
     detected_s: float | None  # until the world took the robot for dead
     recovered_s: float | None  # until every live robot with a leader had a live one
 
@@ -123,7 +124,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     robots: int
     arrived: int
     outcome: Outcome
-    collisions: int  # bodies that touched something
+    collisions: int  # bodies that touched something, but for those that a fault excuses
+    collisions_excused: int  # the fault was of the motors or the lidar, its own or the other's
     ticks: int  # the last tick's number
     sim_time_s: float
     wall_time_s: float | None
@@ -179,8 +181,8 @@ def summary(score: Score, facts: Facts) -> Summary:
         row.arrival_s for row in rows if row.outcome == "arrived" and row.arrival_s is not None
     ]
     everyone = all(
-        outcome in ("arrived", "killed")
-        for outcome, mission in zip(outcomes, score.missions, strict=True)
+        outcome in ("arrived", "killed") or tally.excused
+        for outcome, mission, tally in zip(outcomes, score.missions, score.tallies, strict=True)
         if mission
     )
     sim_time_s = score.tick * scenario.dt_s
@@ -193,7 +195,8 @@ def summary(score: Score, facts: Facts) -> Summary:
         robots=len(rows),
         arrived=outcomes.count("arrived"),
         outcome=_run_outcome(score, outcomes),
-        collisions=sum(tally.contact for tally in score.tallies),
+        collisions=sum(tally.contact and not tally.excused for tally in score.tallies),
+        collisions_excused=sum(tally.contact and tally.excused for tally in score.tallies),
         ticks=score.tick,
         sim_time_s=sim_time_s,
         wall_time_s=facts.wall_time_s,
@@ -258,10 +261,13 @@ def _outcome(tally: Tally, mission: bool) -> RobotOutcome:
 
 
 def _run_outcome(score: Score, outcomes: list[RobotOutcome]) -> Outcome:
-    """Collided before failed before timeout; a run that nobody survives has failed too."""
-    if any(tally.contact for tally in score.tallies):
+    """Collided before failed before timeout; a run that nobody survives has failed too.
+
+    A contact that a fault excuses takes its robot out, as a kill does.
+    """
+    if any(tally.contact and not tally.excused for tally in score.tallies):
         return "collided"
-    if "failed" in outcomes or not any(tally.alive for tally in score.tallies):
+    if "failed" in outcomes or not any(t.alive and not t.contact for t in score.tallies):
         return "failed"
     if score.faults_failed:
         return "failed"
@@ -326,6 +332,7 @@ def _fault_row(scenario: Scenario, fault: Fault) -> FaultRow:
         kind=fault.kind,
         target=scenario.robots[fault.row].name,
         tick=fault.tick,
+        over_s=since_s(fault.over_tick),
         detected_s=since_s(fault.detected_tick),
         recovered_s=since_s(fault.recovered_tick),
     )

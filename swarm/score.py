@@ -23,6 +23,7 @@ from swarm.scenario import Scenario
 
 LINGER_S = 2.0  # a run goes on for so long after the last arrival
 PATIENCE_S = 10.0  # and for so much longer while a formation error exceeds what is expected
+SILENCING = ("kill", "restart", "hang")  # faults that take the mind away
 SETTLED_M = 0.1  # a formation has settled while every error is below this
 
 Ending = Literal["arrived", "blocked", "duration", "timeout", "stranded"]
@@ -34,7 +35,8 @@ class Tally(msgspec.Struct):
 
     alive: bool = True
     contact: bool = False
-    killed: bool = False  # by an injected fault
+    excused: bool = False  # that contact
+    killed: bool = False  # by an injected fault, and not back yet
     x_m: float = 0.0
     y_m: float = 0.0
     path_m: float = 0.0
@@ -57,6 +59,8 @@ class Fault(msgspec.Struct):
     kind: str
     row: int
     tick: int
+    number: int = -1  # in the run; several robots may share it
+    over_tick: int | None = None
     detected_tick: int | None = None
     recovered_tick: int | None = None
 
@@ -217,9 +221,13 @@ def _observe_faults(score: Score, record: TickRecord) -> None:
         score.faults_failed += event.kind == "fault-failed"
         if event.kind == "fault" and event.robot in score.rows:
             row = score.rows[event.robot]
-            score.faults.append(Fault(event.fault, row, event.tick))
-            if score.tallies[row].alive and event.fault in ("kill", "restart", "hang"):
+            score.faults.append(Fault(event.fault, row, event.tick, event.number))
+            if score.tallies[row].alive and event.fault in SILENCING:
                 score.tallies[row].killed = True
+        if event.kind == "fault-over" and event.robot in score.rows:
+            for fault in score.faults:
+                if (fault.number, fault.row) == (event.number, score.rows[event.robot]):
+                    fault.over_tick = event.tick
 
 
 def _observe_bodies(score: Score, robots: tuple[RobotRecord, ...]) -> None:
@@ -230,6 +238,8 @@ def _observe_bodies(score: Score, robots: tuple[RobotRecord, ...]) -> None:
             tally.path_m += geometry.length(x_m - tally.x_m, y_m - tally.y_m)
         tally.x_m, tally.y_m = x_m, y_m
         tally.alive, tally.contact = robot.alive, robot.contact
+        tally.excused = robot.excused
+        tally.killed &= not robot.alive
         if robot.alive and robot.obstacle_clearance_m < score.clearance_obstacle_m:
             score.clearance_obstacle_m = robot.obstacle_clearance_m
         yields_to = None
@@ -288,6 +298,8 @@ def _observe_leadership(score: Score, robots: tuple[RobotRecord, ...]) -> None:
         one.name in score.rows and robots[score.rows[one.name]].alive for one in followed
     )
     for fault in score.faults:
+        if fault.kind not in SILENCING:
+            continue
         if fault.detected_tick is None and not robots[fault.row].alive:
             fault.detected_tick = score.tick
         if fault.recovered_tick is None and fault.detected_tick is not None and led:

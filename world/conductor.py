@@ -45,7 +45,7 @@ STATUS_PERIOD_S = 0.5  # wall
 BARRIER_POLL_S = 0.1  # how often a waiting world looks at the clock
 STALL_S = 0.45  # between two looks at the clock; links time out after 0.5 s
 RETURN_S = 5.0  # a world that was stopped itself gives the others so long to come back
-SLEEP_S_MAX = 0.2  # how late a slow run notices that it should stop
+SLEEP_S_MAX = 0.02  # how late a sleeping world notices that it should stop, or who is gone
 STOPPING_S = 1.0  # a tick is given up when it does not end so long after a request to stop
 INSPECT_S = 1.0  # between two questions about a process that does not become ready
 CHECKPOINT_S = 0.9  # simulated, at most, between two checkpoints
@@ -335,7 +335,6 @@ class _Conductor:
             self._pause_while_alone()
             while self._receive(0.0):
                 pass
-            self._lose_absent()
         self._notice_returns()
         run = self._run
         run.state, commands = simulation.hold_back(run.world, run.state, self._arrived)
@@ -482,6 +481,7 @@ class _Conductor:
             while self._stop.reason is None and (left_s := due_s - self._now()) > 0.0:
                 self._sleep(min(left_s, SLEEP_S_MAX))
                 self._beat()
+                self._lose_absent()
 
     def _pause_while_alone(self) -> None:
         """Wait while the supervisor is stopped; when it is dead the kernel asks us to stop."""

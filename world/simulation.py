@@ -201,8 +201,8 @@ def inflict(
     """World in which a fault has begun, before anything is sensed in this tick.
 
     Args:
-        fault: one that the world carries out, of commands, links, sensors or motors.
-        rows: of the robots that it strikes; none: nothing happens.
+        fault: any but those of processes.
+        rows: of the robots that it strikes; none: nothing happens, unless it strikes the world.
     """
     if not rows and not isinstance(fault, DiskFull):
         return state

@@ -92,7 +92,7 @@ class Child:
             if code < 0
             else f"ended with exit code {code}"
         )
-        line = self._last_line()
+        line = "" if code == -signal.SIGKILL else self._last_line()  # which it never saw coming
         return f"{how}: {line}" if line else how
 
     def _last_line(self) -> str:

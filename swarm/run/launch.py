@@ -36,7 +36,7 @@ def conduct(
     if bus == "memory":
         return _run_in_memory(order, watcher)
     ending = supervisor.supervise(order, watcher)
-    summary = summary_of(order.folder, order.name, order.run)
+    summary = summary_of(order.folder, order.name, order.run, ending.world_restarts)
     return Conducted(summary, ending.interrupted, ending.overtime, ending.problem)
 
 
@@ -124,7 +124,7 @@ def _run_in_memory(order: supervisor.Plan, watcher: supervisor.Watcher) -> Condu
             signal.signal(number, handler)
 
 
-def summary_of(folder: Path, name: str, run: str) -> metrics.Summary:
+def summary_of(folder: Path, name: str, run: str, world_restarts: int = 0) -> metrics.Summary:
     """Summary the world wrote; when it could not, what its recording still tells."""
     path = folder / runs.SUMMARY
     with contextlib.suppress(OSError, msgspec.DecodeError):
@@ -136,7 +136,13 @@ def summary_of(folder: Path, name: str, run: str) -> metrics.Summary:
             if record.tick != score.tick + 1:
                 break
             metrics.observe(score, record)
-    facts = metrics.Facts(scenario=name, run=run, bus="zenoh", clock=plan.clock.mode)
+    facts = metrics.Facts(
+        scenario=name,
+        run=run,
+        bus="zenoh",
+        clock=plan.clock.mode,
+        world_restarts=world_restarts,
+    )
     summary = msgspec.structs.replace(metrics.summary(score, facts), outcome="failed")
     runs.write_whole(path, msgspec.json.format(msgspec.json.encode(summary)))
     return summary

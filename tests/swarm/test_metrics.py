@@ -151,6 +151,7 @@ def test_summary_has_exactly_the_promised_keys_in_order() -> None:
         "arrived",
         "outcome",
         "collisions",
+        "collisions_excused",
         "ticks",
         "sim_time_s",
         "wall_time_s",
@@ -377,6 +378,56 @@ def test_outcome_is_failed_when_every_robot_was_killed() -> None:
     )
     assert film.summary.per_robot[0].outcome == "killed"
     assert film.summary.outcome == "failed"
+
+
+def test_outcome_is_that_of_the_others_when_a_fault_excuses_a_contact() -> None:
+    film = Film(PAIR)
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0))
+    touched = msgspec.structs.replace(body(0.0, -2.0, contact=True), excused=True)
+    film.shoot(body(3.0, 4.0), touched)
+    result = film.summary
+    assert [row.outcome for row in result.per_robot] == ["arrived", "collided"]
+    assert (result.collisions, result.collisions_excused) == (0, 1)
+    assert result.outcome == "succeeded"
+    assert result.makespan_s == 0.0
+    film.shoot(body(3.0, 4.0, contact=True), touched)
+    assert (film.summary.collisions, film.summary.collisions_excused) == (1, 1)
+    assert film.summary.outcome == "collided"
+
+
+def test_outcome_is_failed_when_excused_contacts_leave_nobody() -> None:
+    film = Film(LONE)
+    film.shoot(msgspec.structs.replace(body(0.0, 0.0, contact=True), excused=True))
+    assert film.summary.outcome == "failed"
+
+
+def test_faults_have_a_row_for_each_robot_and_last_until_they_are_over() -> None:
+    film = Film(PAIR)
+    begun = tuple(
+        Event(0, 0, "fault", name, "loss", fault="loss", number=number)
+        for name, number in (("a", 0), ("b", 0), ("b", 1))
+    )
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0), events=begun)
+    over = Event(1, 0, "fault-over", "b", "loss", fault="loss", number=0)
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0), events=(over,))
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0, alive=False), events=(LOST,))
+    result = film.summary
+    assert [(row.kind, row.target, row.tick, row.over_s) for row in result.faults] == [
+        ("loss", "a", 0, None),
+        ("loss", "b", 0, 0.1),
+        ("loss", "b", 0, None),
+    ]
+    assert [row.detected_s for row in result.faults] == [None, None, None]
+    assert result.per_robot[1].outcome == "failed"  # lost all the same: links are no excuse
+
+
+def test_outcome_forgets_a_kill_when_the_robot_is_back() -> None:
+    film = Film(PAIR)
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0))
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0, alive=False), events=(KILL,))
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0))
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0, alive=False), events=(LOST,))
+    assert film.summary.per_robot[1].outcome == "failed"
 
 
 def test_outcome_is_no_excuse_when_a_fault_hits_a_robot_already_lost() -> None:

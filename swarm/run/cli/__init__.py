@@ -1,8 +1,8 @@
 """The command line: every verb of `swarm`, its flags, and what its exit code means.
 
     running     run, scenarios, validate           options   what verbs share
-    live        status, stop
-    recordings  verify, replay
+    live        status, stop, kill, restart, fault
+    recordings  verify, replay, diff, why
     hand        world, robot, version
     measure     bench, reproduce
 
@@ -42,8 +42,13 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "run": running.run,
     "status": live.status,
     "stop": live.stop,
+    "kill": live.kill,
+    "restart": live.restart,
+    "fault": live.fault,
     "verify": recordings.verify,
     "replay": recordings.replay_,
+    "diff": recordings.diff,
+    "why": recordings.why_,
     "world": hand.world_,
     "robot": hand.robot_,
     "bench": measure.bench,
