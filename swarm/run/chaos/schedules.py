@@ -155,9 +155,7 @@ def _count(target: str, robots: int) -> int:
     return 1 if target == faults.LEADER else len(faults.names_in(target))
 
 
-def _fault(
-    scenario: Scenario, length_s: float, bound: Bound, dice: np.random.Generator
-) -> Fault:
+def _fault(scenario: Scenario, length_s: float, bound: Bound, dice: np.random.Generator) -> Fault:
     last_tick = max(FIRST_TICK + 1, scenario.tick_of(length_s))
     table: dict[str, Any] = {
         "kind": bound.kind,

@@ -1,14 +1,14 @@
 """What must hold in every run, checked tick by tick: a stream of records -> what was broken.
 
-    begin -> Watch    observe every tick    conclude -> Findings(violations, figures)
+begin -> Watch    observe every tick    conclude -> Findings(violations, figures)
 
-    contact      nobody touches anything, but who has a fault of motors or lidar
-    two-leaders  in one group two leaders are followed for TICKS_PER_LINK x its diameter at most
-    no-leader    once the faults are over, each group has one live leader of its own
-    falls        the leadership that a robot follows only rises; a claim is made once
-    waits        nobody gives way for ever
-    stuck        once the faults are over, all who live and can, arrive
-    lost         no process is gone or hangs that was not struck; no fault misses its target
+contact      nobody touches anything, but who has a fault of motors or lidar
+two-leaders  in one group two leaders are followed for TICKS_PER_LINK x its diameter at most
+no-leader    once the faults are over, each group has one live leader of its own
+falls        the leadership that a robot follows only rises; a claim is made once
+waits        nobody gives way for ever
+stuck        once the faults are over, all who live and can, arrive
+lost         no process is gone or hangs that was not struck; no fault misses its target
 """
 
 from __future__ import annotations
@@ -111,21 +111,26 @@ class Watch:
         if self._scenario.formation is not None:
             self._look_at_leaders(record, changed)
 
+    @property
+    def violations(self) -> tuple[Violation, ...]:
+        """Of the ticks so far."""
+        return tuple(self._violations[:NAMED_MAX])
+
     def conclude(self, score: metrics.Score, ended: str) -> Findings:
         """After the last tick."""
         scenario = self._scenario
         if ended != "arrived":
             self._look_for_stuck(score, ended)
-        arrivals = [
-            tally.arrival_tick for tally in score.tallies if tally.arrival_tick is not None
-        ]
+        arrivals = [tally.arrival_tick for tally in score.tallies if tally.arrival_tick is not None]
         converged_s = None
         if ended == "arrived":
             converged_s = max(0, max(arrivals) - self._healed_tick) * scenario.dt_s
         rows = metrics.summary(score, _FACTS).faults
         return Findings(
-            violations=tuple(self._violations[:NAMED_MAX]),
-            detected_s=tuple(row.detected_s for row in rows if _is_blow(row) and row.detected_s is not None),
+            violations=self.violations,
+            detected_s=tuple(
+                row.detected_s for row in rows if _is_blow(row) and row.detected_s is not None
+            ),
             recovered_s=tuple(
                 row.recovered_s for row in rows if _is_blow(row) and row.recovered_s is not None
             ),
@@ -163,8 +168,7 @@ class Watch:
             return
         known.leadership = claim
         if before is not None and (
-            claim is None
-            or messages.leadership_order(claim) > messages.leadership_order(before)
+            claim is None or messages.leadership_order(claim) > messages.leadership_order(before)
         ):
             self._break("falls", [row], f"followed {_said(before)}, then {_said(claim)}")
         if claim is not None and claim.name == self._names[row]:
@@ -221,7 +225,7 @@ class Watch:
             if not known.settled:
                 known.settled = True
                 known.told = False
-                if tick > known.since_tick:
+                if 0 < known.since_tick < tick:
                     self._agreed_s.append((tick - known.since_tick) * self._scenario.dt_s)
             return
         if known.settled:
@@ -274,9 +278,7 @@ class Watch:
         robots = self._last.robots
         late = [
             row
-            for row, (tally, mission) in enumerate(
-                zip(score.tallies, score.missions, strict=True)
-            )
+            for row, (tally, mission) in enumerate(zip(score.tallies, score.missions, strict=True))
             if mission and tally.alive and not tally.contact and tally.arrival_tick is None
         ]
         able = [
