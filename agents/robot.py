@@ -233,12 +233,8 @@ def restrain(
     others: list[Peer],
 ) -> tuple[Twist, guard.Limit]:
     """Set-point within acceleration, guards and wheel speeds, in this order: guards overrule."""
-    reached = steering.slew(
-        setup.robot, frame.twist, asked.speed_mps, asked.turn_rate_radps, setup.dt_s
-    )
-    allowed = guard.limit(setup, map, others, forward=reached.speed_mps >= 0.0)
-    speed_mps = steering.clip(reached.speed_mps, allowed.speed_mps)
-    return steering.scale_to_rims(setup.robot, Twist(speed_mps, reached.turn_rate_radps)), allowed
+    held, allowed = guard.hold(setup, frame.twist, asked, map, others)
+    return steering.scale_to_rims(setup.robot, held), allowed
 
 
 def beacon(setup: RobotSetup, state: State, frame: SensorFrame, wish: Wish) -> Beacon:
