@@ -9,7 +9,6 @@ import math
 import os
 import re
 import signal
-import time
 from collections import Counter
 from pathlib import Path
 
@@ -346,10 +345,15 @@ def _work(job: int) -> int:
     return job * job
 
 
-def _sleepy(job: int) -> int:
+def _deaf_or_waiting(job: tuple[str, Path]) -> None:
+    """`deaf`: heed no SIGTERM, say so, stay. `waiting`: until the other one has said so."""
+    kind, fifo = job
+    if kind == "waiting":
+        fifo.read_bytes()
+        return
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    time.sleep(job)
-    return os.getpid()
+    fifo.write_bytes(b"deaf")
+    signal.pause()
 
 
 def test_crew_hands_back_every_job_whatever_happens_to_its_worker() -> None:
@@ -375,15 +379,20 @@ def test_crew_takes_no_more_jobs_than_there_are_workers_for() -> None:
     assert taken == [0]
 
 
-def test_crew_is_gone_when_its_results_are_no_longer_wanted() -> None:
-    sharing = crew.share(_sleepy, [0, 3600], 2)
-    pid = next(sharing).value
+def test_crew_is_gone_when_its_results_are_no_longer_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(crew, "END_S", 0.2)
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    sharing = crew.share(_deaf_or_waiting, [("deaf", fifo), ("waiting", fifo)], 2)
+    # A worker has its name only some time after its process exists: both have begun by now.
+    assert next(sharing).job == ("waiting", fifo)
     children = psutil.Process().children(recursive=True)
-    names = [child for child in children if child.name().startswith("swarm-bench")]
-    assert names  # one that has ended its job may be gone already
-    sharing.close()  # the other one is deaf
-    assert pid is not None
-    assert not any(child.is_running() for child in names)
+    workers = {child.name(): child for child in children if "swarm-bench" in child.name()}
+    assert sorted(workers) == ["swarm-bench-1", "swarm-bench-2"]
+    sharing.close()
+    assert not any(child.is_running() for child in workers.values())
 
 
 # --- rows ---------------------------------------------------------------------------------------
