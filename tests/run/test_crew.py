@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from multiprocessing import connection
+from multiprocessing import connection, forkserver
 from pathlib import Path
 from typing import Any, Literal
 
@@ -198,6 +198,16 @@ def test_one_that_cannot_be_started_is_dead_and_the_rest_goes_on(
     reply = one.ask("robot1", "start", 1)
     assert reply == Reply(False, "could not be started")
     assert one.said == ["robot1 cannot be started: [Errno 24] Too many open files"]
+
+
+def test_forkserver_that_is_killed_is_replaced(team: Callable[..., Team]) -> None:
+    one = team(robot1=OBEDIENT)
+    server: Any = forkserver._forkserver
+    pid = one.pid("robot1")
+    os.kill(server._forkserver_pid, signal.SIGKILL)
+    assert one.ask("robot1", "inspect").text == f"running: pid {pid}"
+    assert one.ask("robot1", "start", 1).ok
+    assert one.pid("robot1") != pid
 
 
 def test_what_we_slept_through_counts_against_nobody(
