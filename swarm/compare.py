@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
+from math import isnan
 from typing import Any
 
 import msgspec
@@ -21,7 +22,7 @@ from swarm.messages import Array, Command, Event, FrameRecord, TickRecord
 WORLD = "world"  # whose fields those of no robot are
 ABSENT = "(none)"
 # What happens by the wall clock, or only to who was started again, is no difference of two runs.
-WALL_CLOCK_EVENTS = frozenset(("recording", "message-rejected"))
+WALL_CLOCK_EVENTS = frozenset(("recording", "message-rejected", "world-resumed"))
 
 _DOUBLE = struct.Struct("<d")
 
@@ -32,6 +33,7 @@ class Difference(msgspec.Struct, frozen=True):
     field: str  # path from the compared value, such as pose.x_m or ranges[17]
     one: Any
     other: Any
+    apart: float | None = None  # of numbers; of arrays the most, when the field is but the first
 
 
 def differences(one: Any, other: Any, path: str = "") -> Iterator[Difference]:
@@ -52,7 +54,7 @@ def differences(one: Any, other: Any, path: str = "") -> Iterator[Difference]:
                 one.get(key, ABSENT), other.get(key, ABSENT), _join(path, str(key))
             )
     elif not _same(one, other):
-        yield Difference(path, one, other)
+        yield Difference(path, one, other, _apart(one, other))
 
 
 def tick_differences(
@@ -123,10 +125,17 @@ def _array_differences(one: Array, other: Array, path: str) -> Iterator[Differen
     if one.data == other.data:
         return
     bits = np.dtype("<u8" if one.dtype == "<f8" else "<u4")
-    unequal = np.frombuffer(one.data, bits) != np.frombuffer(other.data, bits)
-    left, right = one.numpy().reshape(-1), other.numpy().reshape(-1)
-    for index in np.flatnonzero(unequal).tolist():
-        yield Difference(f"{path}[{index}]", left[index].item(), right[index].item())
+    unequal = np.flatnonzero(np.frombuffer(one.data, bits) != np.frombuffer(other.data, bits))
+    left, right = (array.numpy().reshape(-1)[unequal].astype(float) for array in (one, other))
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(left - right)
+    numbers = apart[~np.isnan(apart)]
+    yield Difference(
+        f"{path}[{unequal[0]}]",
+        left[0].item(),
+        right[0].item(),
+        numbers.max().item() if len(numbers) else None,
+    )
 
 
 def _same(one: Any, other: Any) -> bool:
@@ -136,6 +145,13 @@ def _same(one: Any, other: Any) -> bool:
     if numbers and not (isinstance(one, int) and isinstance(other, int)):
         return _DOUBLE.pack(one) == _DOUBLE.pack(other)
     return bool(one == other)
+
+
+def _apart(one: Any, other: Any) -> float | None:
+    if isinstance(one, (int, float)) and isinstance(other, (int, float)):
+        apart = abs(float(one) - float(other))
+        return None if isnan(apart) else apart
+    return None
 
 
 def _join(path: str, name: str) -> str:

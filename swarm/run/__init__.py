@@ -14,6 +14,8 @@ viewers      where it can be watched
 processes    the processes of any running swarm, as the kernel sees them
 lockstep     the same swarm in one process
 replay       every robot again, from a recording
+difference   two runs side by side
+why          what one robot saw, weighed and did at one moment; explain puts it in words
 bench        what it costs
 reproduce    the paper's figures and claims
 """

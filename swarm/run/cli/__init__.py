@@ -2,7 +2,7 @@
 
     running     run, scenarios, validate           options   what verbs share
     live        status, stop, kill, restart, fault
-    recordings  verify, replay
+    recordings  verify, replay, diff, why
     hand        world, robot, version
     measure     bench, reproduce
 
@@ -47,6 +47,8 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "fault": live.fault,
     "verify": recordings.verify,
     "replay": recordings.replay_,
+    "diff": recordings.diff,
+    "why": recordings.why_,
     "world": hand.world_,
     "robot": hand.robot_,
     "bench": measure.bench,

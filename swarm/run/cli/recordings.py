@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
-from typer import Option
+from typer import Argument, Option
 
 from swarm import recording, runs
 from swarm.run.cli import options
@@ -49,7 +50,9 @@ def replay_(
     if as_json:
         options.print_json(found)
     else:
-        print(f"{found.ticks} ticks, {found.commands} commands replayed")
+        print(f"{found.ticks} ticks, {found.commands} commands, {found.restarts} restarts replayed")
+        if found.unheard:
+            print(f"{found.unheard} more answers that the world never got")
         if found.cut:
             print("the recording is cut: replayed up to there")
         if found.missing is not None:
@@ -63,3 +66,44 @@ def replay_(
         print("equal" if found.ok else "DIFFERENT")
     if not found.ok:
         raise typer.Exit(1)
+
+
+def diff(
+    a: Annotated[Path, Argument(metavar="A", help="A run's folder, or its run.mcap.")],
+    b: Annotated[Path, Argument(metavar="B", help="Another one.")],
+    as_json: options.Json = False,
+) -> None:
+    """Compare two runs tick by tick, to the last bit; exit code 1 when they differ.
+
+    Names the first difference by tick, robot and field, and all fields that ever differ.
+
+    Example:  swarm diff runs/20260101T120000Z-two-obstacles runs/20260101T120500Z-two-obstacles
+    """
+    from swarm.run import difference
+
+    found = difference.difference(runs.recording(a), runs.recording(b))
+    if as_json:
+        options.print_json(found)
+    else:
+        difference.show(found)
+    if not found.equal:
+        raise typer.Exit(1)
+
+
+def why_(
+    path: options.Run,
+    name: Annotated[str, Argument(metavar="NAME", help="A robot's name.")],
+    time_s: Annotated[float, Argument(metavar="T", help="When, in simulated seconds.")],
+    as_json: options.Json = False,
+) -> None:
+    """Tell what one robot saw, weighed, heard and did at one moment.
+
+    Example:  swarm why runs/20260101T120000Z-two-obstacles robot3 12.4
+    """
+    from swarm.run import explain, why
+
+    found = why.why(runs.recording(path), name, time_s)
+    if as_json:
+        options.print_json(found)
+    else:
+        explain.show(found)
