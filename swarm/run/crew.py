@@ -14,7 +14,7 @@ import msgspec
 
 from swarm.run import supervision
 from swarm.run.child import Child
-from swarm.run.desk import Ask
+from swarm.run.inbox import Ask
 from swarm.run.supervision import Life, Policy
 
 WORLD = "world"
