@@ -10,6 +10,7 @@ geometry    poses, twists, angles
 messages    who says what to whom: the one table of topics
 shapes      formations by name: where followers belong
 scenario    every tunable with unit and bound
+palette     a colour for every robot
 errors      what can go wrong outside
 score       what adds up from tick to tick
 metrics     stream of ticks -> summary

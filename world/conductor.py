@@ -38,6 +38,7 @@ from swarm.scenario import Scenario
 from world import roster, simulation
 from world.checkpoint import Checkpoint
 from world.injector import Injector
+from world.pulse import Pulse
 from world.roster import Member
 from world.situation import Situation
 
@@ -157,6 +158,8 @@ class _Conductor:
         self._asked: deque[Fault] = deque()  # live faults, from the query's thread
         self._reported: dict[str, int] = {}
         self._arrived: list[Command] = []  # in this tick, in order of arrival
+        self._frames: Sequence[SensorFrame] = ()  # of this tick
+        self._pulse = Pulse()
         self._started_s = 0.0  # when tick 0 was due
         self._began_s = 0.0
         self._wall_before_s = 0.0  # of the worlds before this one
@@ -201,7 +204,7 @@ class _Conductor:
             struck = False
             if changed or run.tick >= self._saved_tick + self._checkpoint_ticks:
                 self._save()
-            frames = simulation.sense(run.world, run.state)
+            frames = self._frames = simulation.sense(run.world, run.state)
             for frame in frames:
                 bus.publish(FRAME, frame, frame.robot)
                 run.change(frame.robot, sent_tick=frame.tick)
@@ -366,6 +369,7 @@ class _Conductor:
                     # it, or its answer, may have gone down with the link
                     self._bus.publish(FRAME, frame, frame.robot)
             self._lose_absent()
+            self._publish_status()
             waiting = self._waiting()
             if self._now() >= deadline_s:
                 if self._stop.reason is not None:
@@ -451,6 +455,7 @@ class _Conductor:
                 self._refuse("command for a frame that has been answered")
         else:
             self._run.commands_total += 1
+            self._pulse.beat(name, self._now())
             late = member.late_commands + (command.tick < tick and member.is_present)
             self._run.change(name, answered_tick=command.tick, late_commands=late)
             self._arrived.append(command)
@@ -543,6 +548,7 @@ class _Conductor:
     def _publish_status(self) -> None:
         if self._now() >= self._status_due_s:
             self._status_due_s = self._now() + STATUS_PERIOD_S
+            self._pulse.measure(self._now(), self._run.tick)
             status = self._make_status()
             self._bus.publish(STATUS, status)
             self._on_status(status)
@@ -555,7 +561,8 @@ class _Conductor:
 
     def _make_status(self) -> Status:
         run, scenario = self._run, self._scenario
-        wall_s = self._wall_s()
+        wall_s, now_s, pulse = self._wall_s(), self._now(), self._pulse
+        heard = {frame.robot: len(frame.beacons) for frame in self._frames}
         rows = []
         for body, (name, member) in zip(run.state.bodies, run.members.items(), strict=True):
             beacon = body.beacon
@@ -571,6 +578,11 @@ class _Conductor:
                     error_m=metrics.formation_error_now(self._score, name),
                     reason=beacon.reason if beacon else "",
                     restarts=member.restarts,
+                    heard=heard.get(name, 0),
+                    yields_to=(beacon and beacon.yields_to) or "",
+                    commands_per_s=pulse.rate(name),
+                    command_age_s=pulse.age_s(name, now_s),
+                    unanswered=max(0, member.sent_tick - member.answered_tick),
                 )
             )
         return Status(
@@ -584,4 +596,6 @@ class _Conductor:
             real_time_factor=run.tick * scenario.dt_s / wall_s if wall_s > 0.0 else 0.0,
             robots=tuple(rows),
             rejected_messages=sum(self._bus.rejected().values()),
+            rate=scenario.clock.rate,
+            real_time_factor_now=pulse.ticks_per_s * scenario.dt_s,
         )

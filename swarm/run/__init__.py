@@ -12,6 +12,8 @@ child        one of them, started and signalled
 desk         what the world asks to be done to them
 viewers      where it can be watched
 processes    the processes of any running swarm, as the kernel sees them
+census       the same, joined with what the world says of them
+board        that as a table, whose columns fit the terminal
 lockstep     the same swarm in one process
 replay       every robot again, from a recording
 difference   two runs side by side

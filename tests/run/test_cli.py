@@ -23,6 +23,7 @@ VERBS = [
     "scenarios",
     "validate",
     "status",
+    "top",
     "stop",
     "kill",
     "restart",

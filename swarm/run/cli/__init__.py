@@ -2,6 +2,7 @@
 
     running     run, scenarios, validate           options   what verbs share
     live        status, stop, kill, restart, fault
+    watch       top, logs
     recordings  verify, replay, diff, why
     hand        world, robot, version
     measure     bench, reproduce
@@ -21,7 +22,7 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import hand, live, measure, recordings, running
+from swarm.run.cli import hand, live, measure, recordings, running, watch
 
 app = typer.Typer(
     name="swarm",
@@ -41,6 +42,7 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "validate": running.validate,
     "run": running.run,
     "status": live.status,
+    "top": watch.top,
     "stop": live.stop,
     "kill": live.kill,
     "restart": live.restart,
