@@ -15,6 +15,7 @@ errors      what can go wrong outside
 score       what adds up from tick to tick
 metrics     stream of ticks -> summary
 bus         the seam between processes; in memory here, over Zenoh in zenoh_bus
+log         what a process has to say: JSON Lines
 recording   MCAP out and in; playback reads, verdict judges, mending repairs, salvage digs,
             backlog waits, container knows the format
 compare     where two ticks differ, by robot and field

@@ -20,6 +20,7 @@ from typing import Any
 
 import setproctitle
 
+from swarm import log as log_
 from swarm.bus import Bus
 
 PR_SET_PDEATHSIG = 1  # prctl(2)
@@ -54,6 +55,7 @@ def adopt(name: str, log: Path | None, stop: Stop, supervisor_pid: int | None) -
         os.dup2(descriptor, 1)
         os.dup2(descriptor, 2)
         os.close(descriptor)
+        log_.begin(name)
     if supervisor_pid is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         os.setsid()

@@ -215,6 +215,23 @@ EventKind = Literal[
 ]
 
 
+Level = Literal["info", "warn", "error"]
+_LEVELS: dict[EventKind, Level] = {
+    "fault": "warn",
+    "robot-missing": "error",
+    "robot-lost": "warn",
+    "robot-hung": "warn",
+    "collision": "error",
+    "message-rejected": "warn",
+    "recording": "error",
+}
+
+
+def level_of(kind: EventKind) -> Level:
+    """How bad it is."""
+    return _LEVELS.get(kind, "info")
+
+
 class Event(msgspec.Struct, frozen=True, array_like=True):
     """Something worth telling a person, and replay.
 

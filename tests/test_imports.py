@@ -24,6 +24,7 @@ SHELLS = {
     "swarm.container",
     "swarm.mending",
     "swarm.lifetime",
+    "swarm.log",
     "swarm.runs",
     "agents.process",
     "world.process",

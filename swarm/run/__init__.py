@@ -14,6 +14,8 @@ viewers      where it can be watched
 processes    the processes of any running swarm, as the kernel sees them
 census       the same, joined with what the world says of them
 board        that as a table, whose columns fit the terminal
+journal      what it has told whoever watches, kept as a log of its own
+logbook      the logs of a run, merged
 lockstep     the same swarm in one process
 replay       every robot again, from a recording
 difference   two runs side by side

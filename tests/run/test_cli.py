@@ -24,6 +24,7 @@ VERBS = [
     "validate",
     "status",
     "top",
+    "logs",
     "stop",
     "kill",
     "restart",
@@ -176,7 +177,7 @@ def test_run_json_is_one_object_equal_to_the_summary(folder: Path) -> None:
         runs.LOGS,
     }
     logs = {path.name for path in (folder / "out" / runs.LOGS).iterdir()}
-    assert logs == {"world.log", "robot1.log", "robot2.log", "robot3.log"}
+    assert logs == {"run.log", "world.log", "robot1.log", "robot2.log", "robot3.log"}
 
 
 def test_run_names_the_expectation_it_missed(folder: Path) -> None:

@@ -19,6 +19,7 @@ import pytest
 from rich.console import Console
 from rich.text import Text
 
+from swarm import runs
 from swarm.messages import RobotStatus, Status
 from swarm.run import board, census, columns
 from swarm.run.columns import Column
@@ -170,3 +171,87 @@ def test_top_without_a_swarm_is_exit_1(here: Here) -> None:
     done = here("top --run nobody-at-all")
     assert done.returncode == 1
     assert "expected the run 'nobody-at-all'" in done.stderr
+
+
+# --- logs ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def written(folder: Path) -> Path:
+    """Folder of a run that never was, with two logs."""
+    logs = folder / "one" / runs.LOGS
+    logs.mkdir(parents=True)
+    record = '{{"time":"2026-01-01T00:00:0{}.000000Z","process":"{}","level":"{}","text":"{}"{}}}\n'
+    (logs / "world.log").write_text(
+        record.format(1, "world", "info", "start", ',"tick":0')
+        + record.format(3, "world", "warn", "fault robot1", ',"tick":50')
+    )
+    (logs / "robot1.log").write_text(
+        record.format(2, "robot1", "error", "no wheels", ',"traceback":"Traceback\\n  line"')
+        + "thread panicked\n"
+    )
+    return folder / "one"
+
+
+def test_logs_are_merged_by_time_with_their_tracebacks(written: Path, here: Here) -> None:
+    done = here("logs one")
+    assert done.returncode == 0
+    assert done.stdout.splitlines() == [
+        "00:00:01.000  world   tick 0: start",
+        "00:00:02.000  robot1  no wheels",
+        "                      Traceback",
+        "                        line",
+        "00:00:02.000  robot1  thread panicked",
+        "00:00:03.000  world   tick 50: fault robot1",
+    ]
+    assert here("logs one world").stdout.count("\n") == 2
+
+
+def test_logs_as_json_are_the_records_one_a_line(written: Path, here: Here) -> None:
+    lines = [json.loads(line) for line in here("logs one robot1 --json").stdout.splitlines()]
+    assert [line["level"] for line in lines] == ["error", "raw"]
+    assert lines[0]["traceback"] == "Traceback\n  line"
+
+
+def test_logs_of_the_newest_run_are_shown_when_none_runs(
+    written: Path, here: Here, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runs, "running", list)
+    assert here("logs").returncode == 1
+    (folder / "runs" / "20260101T000000Z-older" / runs.LOGS).mkdir(parents=True)
+    written.rename(folder / "runs" / "20260102T000000Z-newer")
+    assert "no wheels" in here("logs").stdout
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("logs one robto1", "did you mean 'robot1'"),
+        ("logs nowhere/at-all", "expected a run's folder"),
+        ("logs one --run other", "expected one run"),
+    ],
+)
+def test_logs_refuse_what_is_not_there(written: Path, here: Here, line: str, expected: str) -> None:
+    done = here(line)
+    assert done.returncode == 2
+    assert expected in done.stderr
+
+
+def test_logs_follow_a_run_to_its_end(folder: Path) -> None:
+    run = processes.start(
+        folder, "run", "empty", "--robots", "2", "--duration", "3", "--rate", "1", "--out", "one",
+        "--fault", "kill:robot2@1.6",
+    )  # fmt: skip
+    processes.until(lambda: (folder / "one" / "run.json").exists(), 30.0, "a run")
+    done = processes.swarm(folder, "logs", "-f", "--run", "one", "--json")
+    run.communicate()
+    assert done.returncode == 0
+    entries = [json.loads(line) for line in done.stdout.splitlines()]
+    by_process: dict[str, list[str]] = {}
+    for entry in entries:
+        by_process.setdefault(entry["process"], []).append(entry["text"])
+    assert set(by_process) == {"run", "world", "robot1"}
+    assert "run one-" in by_process["run"][0]
+    assert by_process["world"][1] == "fault robot2: kill:robot2@1.6"
+    assert by_process["robot1"] == ["ends: asked to stop by SIGTERM"]
+    assert [one.get("tick") for one in entries if one["process"] == "world"] == [0, 20, None]

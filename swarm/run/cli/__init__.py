@@ -43,6 +43,7 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "run": running.run,
     "status": live.status,
     "top": watch.top,
+    "logs": watch.logs,
     "stop": live.stop,
     "kill": live.kill,
     "restart": live.restart,

@@ -9,12 +9,12 @@ from typing import Annotated
 
 from rich.console import Console
 from rich.live import Live
-from typer import Option
+from typer import Argument, Option
 
 from swarm import errors, palette, runs, zenoh_bus
 from swarm import scenario as scenarios
 from swarm.messages import STATUS, Status
-from swarm.run import board, census, keys, processes
+from swarm.run import board, census, keys, logbook, processes
 from swarm.run.cli import live, options
 
 LOOK_S = 0.1  # how soon a key is noticed
@@ -94,6 +94,59 @@ def _follow(
         rows = people.take(status)
         page.update(board.board(status, rows, names, width=width, height=height, note=note))
         page.refresh()
+
+
+# --- logs ---------------------------------------------------------------------------------------
+
+
+def logs(
+    names: Annotated[
+        list[str] | None,
+        Argument(metavar="[RUN] [NAME]...", help="A run's folder; only these processes."),
+    ] = None,
+    follow: Annotated[
+        bool, Option("--follow", "-f", help="Go on as they grow, until the run ends.")
+    ] = False,
+    run_id: options.RunId = None,
+    as_json: Annotated[
+        bool, Option("--json", help="The records as they are on disk, one JSON object a line.")
+    ] = False,
+) -> None:
+    """Show what the processes of a run have written, merged by time.
+
+    Without RUN or --run it is the swarm that runs now, else the newest one in runs/. Names are
+    `run` (the supervisor), `world`, `viewer`, and those of the robots.
+
+    Example:  swarm logs -f
+
+    Example:  swarm logs runs/20260101T120000Z-two-obstacles world robot3 --json
+    """
+    folder, wanted = _which(names or [], run_id)
+    logbook.show(
+        folder,
+        wanted,
+        follow=follow,
+        as_json=as_json,
+        styles=styles_of(folder),
+    )
+
+
+def _which(words: list[str], run_id: str | None) -> tuple[Path, list[str]]:
+    """Folder of the run, and names of the processes, that are meant."""
+    folders = [word for word in words if (Path(word) / runs.LOGS).is_dir()]
+    names = [word for word in words if word not in folders]
+    if len(folders) > 1 or (folders and run_id is not None):
+        raise errors.UsageError(f"expected one run, got {', '.join([*folders, run_id or ''])}")
+    if stray := next((name for name in names if "/" in name or "." in name), None):
+        raise errors.UsageError(f"{stray}: expected a run's folder with {runs.LOGS}/ in it")
+    if folders:
+        return Path(folders[0]), names
+    if run_id is not None or runs.running():
+        return Path(live.pick(run_id).folder), names
+    newest = max(Path("runs").glob(f"*/{runs.LOGS}"), default=None)
+    if newest is None:
+        raise errors.SwarmError("expected a swarm that runs, or a run in runs/, got none")
+    return newest.parent, names
 
 
 def styles_of(folder: Path) -> dict[str, str]:
