@@ -81,8 +81,9 @@ def _crashed(error: BaseException | None) -> None:
 
 
 def _write(entry: Entry) -> None:
-    """In one piece: other threads write there too."""
-    os.write(2, msgspec.json.encode(entry) + b"\n")
+    """In one piece: other threads write there too. Dropped when the disk is full."""
+    with contextlib.suppress(OSError):
+        os.write(2, msgspec.json.encode(entry) + b"\n")
 
 
 def _now() -> str:

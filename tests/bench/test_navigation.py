@@ -22,12 +22,11 @@ from hypothesis import strategies as st
 
 import tests.run.processes as commands
 from swarm import errors, metrics, scenario
-from swarm.run import lockstep
+from swarm.run import lockstep, sharing
 from swarm.run.bench import navigation
 from swarm.run.bench.navigation import (
     cases,
     course,
-    crew,
     encounters,
     obstacles,
     peers,
@@ -353,7 +352,7 @@ def _sleepy(job: int) -> int:
 
 
 def test_crew_hands_back_every_job_whatever_happens_to_its_worker() -> None:
-    done = {one.job: (one.value, one.problem) for one in crew.share(_work, range(9), 2)}
+    done = {one.job: (one.value, one.problem) for one in sharing.share(_work, range(9), 2, "bench")}
     assert sorted(done) == list(range(9))
     assert done[3][0] is None
     assert done[3][1].startswith("ValueError: three (_work, line ")
@@ -369,19 +368,19 @@ def test_crew_takes_no_more_jobs_than_there_are_workers_for() -> None:
             taken.append(job)
             yield job
 
-    sharing = crew.share(_work, jobs(), 1)  # type: ignore[arg-type]
-    assert next(sharing).job == 0
-    sharing.close()
+    shared = sharing.share(_work, jobs(), 1, "bench")  # type: ignore[arg-type]
+    assert next(shared).job == 0
+    shared.close()
     assert taken == [0]
 
 
 def test_crew_is_gone_when_its_results_are_no_longer_wanted() -> None:
-    sharing = crew.share(_sleepy, [0, 3600], 2)
-    pid = next(sharing).value
+    shared = sharing.share(_sleepy, [0, 3600], 2, "bench")
+    pid = next(shared).value
     children = psutil.Process().children(recursive=True)
     names = [child for child in children if child.name().startswith("swarm-bench")]
     assert names  # one that has ended its job may be gone already
-    sharing.close()  # the other one is deaf
+    shared.close()  # the other one is deaf
     assert pid is not None
     assert not any(child.is_running() for child in names)
 
@@ -446,10 +445,10 @@ def test_worst_runs_are_crashes_then_contacts_then_late_ones_then_slow_ones() ->
 def test_a_crash_is_reported_and_fails_the_bench(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    def broken(work: object, jobs: object, workers: int) -> object:
-        yield crew.Done(Job(encounters.lanes(0), "paper"), None, "ValueError: no way")
+    def broken(work: object, jobs: object, workers: int, name: str) -> object:
+        yield sharing.Done(Job(encounters.lanes(0), "paper"), None, "ValueError: no way")
 
-    monkeypatch.setattr(crew, "share", broken)
+    monkeypatch.setattr(sharing, "share", broken)
     line = f"bench navigation --families pairs --controllers paper --out {tmp_path / 'out'}"
     result = commands.here(monkeypatch, capsys, tmp_path, line)
     assert result.returncode == 1
