@@ -20,6 +20,7 @@ lockstep     the same swarm in one process
 replay       every robot again, from a recording
 difference   two runs side by side
 why          what one robot saw, weighed and did at one moment; explain puts it in words
+doctor       what a run needs of this machine
 bench        what it costs
 reproduce    the paper's figures and claims
 """

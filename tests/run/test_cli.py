@@ -36,6 +36,7 @@ VERBS = [
     "reproduce",
     "world",
     "robot",
+    "doctor",
     "version",
 ]
 

@@ -7,6 +7,7 @@
     hand        world, robot, version
     measure     bench, reproduce
     breaking    chaos
+    own         doctor, view, new
 
 0  it worked      1  the run failed, or a threshold was broken
 2  a flag, a name or a file is wrong      130  interrupted
@@ -23,7 +24,7 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import breaking, hand, live, measure, recordings, running, watch
+from swarm.run.cli import breaking, hand, live, measure, own, recordings, running, watch
 
 app = typer.Typer(
     name="swarm",
@@ -58,6 +59,7 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "bench": measure.bench,
     "reproduce": measure.reproduce,
     "chaos": breaking.chaos,
+    "doctor": own.doctor,
     "version": hand.version,
 }
 for name, verb in VERBS.items():
