@@ -96,6 +96,11 @@ def _leave_forkserver() -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGCONT)
 
 
+def end_with_parent() -> None:
+    """To be called in a child before it becomes another program: it ends when its parent does."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
 def heed_signals(stop: Stop) -> None:
     """From now on end in good order; until then a signal ends the process at once.
 

@@ -83,9 +83,14 @@ def check_flags(
             )
 
 
+def has_display() -> bool:
+    """Whether a window can be opened."""
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 def check_display(view: str) -> None:
     """Raise UsageError when a window is asked for where there is no screen."""
-    if view == "native" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if view == "native" and not has_display():
         raise errors.UsageError(
             "--view native: expected a display (DISPLAY or WAYLAND_DISPLAY), got none; "
             "use --view web, or open run.rrd on a machine that has one"

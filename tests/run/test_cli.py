@@ -37,6 +37,8 @@ VERBS = [
     "world",
     "robot",
     "doctor",
+    "view",
+    "new",
     "version",
 ]
 

@@ -77,7 +77,7 @@ def test_what_is_not_there_is_a_usage_error(
     )
     told = messages.Status("one", "", 1, 0, "lockstep", "running", 1.0, 1.0, rows)
     monkeypatch.setattr(live, "pick", lambda _: runs.Card("one", "", 1, 0.0, "", ""))
-    monkeypatch.setattr(live, "_status", lambda _: told)
+    monkeypatch.setattr(live, "status_of", lambda _: told)
     done = here(line)
     assert done.returncode == 2
     for word in words:

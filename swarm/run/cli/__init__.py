@@ -59,6 +59,8 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "bench": measure.bench,
     "reproduce": measure.reproduce,
     "chaos": breaking.chaos,
+    "view": own.view,
+    "new": own.new,
     "doctor": own.doctor,
     "version": hand.version,
 }
