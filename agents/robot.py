@@ -425,14 +425,10 @@ def restrain(
     others: list[Peer],
 ) -> tuple[Twist, guard.Limit]:
     """Set-point within acceleration, guards and wheel speeds, in this order: guards overrule."""
-    reached = steering.slew(
-        setup.robot, frame.twist, asked.speed_mps, asked.turn_rate_radps, setup.dt_s
-    )
     # A peer that is not heard may go on, or may have died and stopped: neither may be touched.
     bodies = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
-    allowed = guard.limit(setup, map, bodies, forward=reached.speed_mps >= 0.0)
-    speed_mps = steering.clip(reached.speed_mps, allowed.speed_mps)
-    return steering.scale_to_rims(setup.robot, Twist(speed_mps, reached.turn_rate_radps)), allowed
+    held, allowed = guard.hold(setup, frame.twist, asked, map, bodies)
+    return steering.scale_to_rims(setup.robot, held), allowed
 
 
 def beacon(

@@ -9,7 +9,6 @@ import math
 import os
 import re
 import signal
-import time
 from collections import Counter
 from pathlib import Path
 
@@ -345,10 +344,15 @@ def _work(job: int) -> int:
     return job * job
 
 
-def _sleepy(job: int) -> int:
+def _deaf_or_waiting(job: tuple[str, Path]) -> None:
+    """`deaf`: heed no SIGTERM, say so, stay. `waiting`: until the other one has said so."""
+    kind, fifo = job
+    if kind == "waiting":
+        fifo.read_bytes()
+        return
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    time.sleep(job)
-    return os.getpid()
+    fifo.write_bytes(b"deaf")
+    signal.pause()
 
 
 def test_crew_hands_back_every_job_whatever_happens_to_its_worker() -> None:
@@ -374,15 +378,20 @@ def test_crew_takes_no_more_jobs_than_there_are_workers_for() -> None:
     assert taken == [0]
 
 
-def test_crew_is_gone_when_its_results_are_no_longer_wanted() -> None:
-    shared = sharing.share(_sleepy, [0, 3600], 2, "bench")
-    pid = next(shared).value
+def test_crew_is_gone_when_its_results_are_no_longer_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sharing, "END_S", 0.2)
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    shared = sharing.share(_deaf_or_waiting, [("deaf", fifo), ("waiting", fifo)], 2, "bench")
+    # A worker has its name only some time after its process exists: both have begun by now.
+    assert next(shared).job == ("waiting", fifo)
     children = psutil.Process().children(recursive=True)
-    names = [child for child in children if child.name().startswith("swarm-bench")]
-    assert names  # one that has ended its job may be gone already
-    shared.close()  # the other one is deaf
-    assert pid is not None
-    assert not any(child.is_running() for child in names)
+    workers = {child.name(): child for child in children if "swarm-bench" in child.name()}
+    assert sorted(workers) == ["swarm-bench-1", "swarm-bench-2"]
+    shared.close()
+    assert not any(child.is_running() for child in workers.values())
 
 
 # --- rows ---------------------------------------------------------------------------------------
