@@ -235,6 +235,25 @@ EventKind = Literal[
 ]
 
 
+Level = Literal["info", "warn", "error"]
+_LEVELS: dict[EventKind, Level] = {
+    "fault": "warn",
+    "fault-failed": "error",
+    "world-resumed": "warn",
+    "robot-missing": "error",
+    "robot-lost": "warn",
+    "robot-hung": "warn",
+    "collision": "error",
+    "message-rejected": "warn",
+    "recording": "error",
+}
+
+
+def level_of(kind: EventKind) -> Level:
+    """How bad it is."""
+    return _LEVELS.get(kind, "info")
+
+
 class Event(msgspec.Struct, frozen=True, array_like=True):
     """Something worth telling a person, and replay.
 
@@ -271,6 +290,11 @@ class RobotStatus(msgspec.Struct, frozen=True):
     error_m: float | None
     reason: str = ""  # why it says FAILED
     restarts: int = 0
+    heard: int = 0  # peers whose beacons were in its newest frame
+    yields_to: str = ""
+    commands_per_s: float = 0.0  # wall, since the status before
+    command_age_s: float | None = None  # wall, since its newest command; None before the first
+    unanswered: int = 0  # ticks from the newest frame that it answered to the newest it was sent
 
 
 class Status(msgspec.Struct, frozen=True):
@@ -281,11 +305,13 @@ class Status(msgspec.Struct, frozen=True):
     tick: Tick
     stamp_ns: Stamp
     clock: Literal["lockstep", "realtime"]
-    state: Literal["starting", "running", "ended"]
+    state: Literal["starting", "running", "paused", "ended"]
     duration_s: float  # simulation time at which the run times out
-    real_time_factor: float
+    real_time_factor: float  # over all of it, pauses left out
     robots: tuple[RobotStatus, ...]
     rejected_messages: int = 0
+    rate: float = 0.0  # x real time that is kept to; 0: as fast as it goes
+    real_time_factor_now: float = 0.0  # since the status before
 
 
 class ScenarioRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -26,6 +26,7 @@ SHELLS = {
     "swarm.container",
     "swarm.mending",
     "swarm.lifetime",
+    "swarm.log",
     "swarm.runs",
     "agents.process",
     "world.process",
