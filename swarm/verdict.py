@@ -29,7 +29,7 @@ from swarm.findings import (
     with_tail,
 )
 from swarm.messages import TickRecord
-from swarm.playback import merged, segment_paths
+from swarm.playback import first_path, merged, segment_paths
 from swarm.source import (
     REPAIR_METADATA,
     RUN_METADATA,
@@ -67,18 +67,22 @@ def verify(path: str | os.PathLike[str], last_tick: int | None = None) -> Verdic
         last_tick: of the run, when it is known from elsewhere: a file that was cut, or mended
             since, cannot tell what came behind.
     """
-    return _judge([look(file) for file in segment_paths(Path(path))], last_tick)
+    files = [look(file) for file in segment_paths(Path(path))]
+    alone = files[0].path == first_path(Path(path))  # else the first file is not there
+    return _judge(files, files[0].first_tick if alone else 0, last_tick)
 
 
 def verify_file(path: Path) -> Verdict:
     """The same of one file alone."""
-    return _judge([look(path)], None)
+    findings = look(path)
+    return _judge([findings], findings.first_tick, None)
 
 
 # --- judging --------------------------------------------------------------------------------------
 
 
-def _judge(files: list[Findings], end: int | None) -> Verdict:
+def _judge(files: list[Findings], begin: int, end: int | None) -> Verdict:
+    """Verdict on all files of a run that should hold the ticks begin..end, as far as is known."""
     last = files[-1]
     if all(file.failure for file in files):
         return _nothing(files, end)
@@ -86,7 +90,7 @@ def _judge(files: list[Findings], end: int | None) -> Verdict:
     disorders = [_disorder(file.ticks) for file in files]
     duplicates = sum(number for number, _ in disorders)
     misplaced = sum(number for _, number in disorders)
-    gaps, gap_ticks, last_tick = _continuity(runs, files[0].first_tick)
+    gaps, gap_ticks, last_tick = _continuity(runs, begin)
     first_tick = min((run.first for run in runs), default=None)
     damages = _damages(files)
     missing = _missing(files)
@@ -97,7 +101,7 @@ def _judge(files: list[Findings], end: int | None) -> Verdict:
         topics = all_topics_of(files, content, gap_ticks)
     if end is not None and end > (-1 if last_tick is None else last_tick):
         gaps = (*gaps, TickRange(0 if last_tick is None else last_tick + 1, end))
-        topics = with_tail(topics, end + 1 - files[0].first_tick)
+        topics = with_tail(topics, end + 1 - begin)
     ok = (
         last.complete
         and last_tick is not None
