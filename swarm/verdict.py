@@ -100,7 +100,7 @@ def _judge(files: list[Findings], begin: int, end: int | None) -> Verdict:
         content, disagreement = _run_through(files, toml)
         topics = all_topics_of(files, content, gap_ticks)
     if end is not None and end > (-1 if last_tick is None else last_tick):
-        gaps = (*gaps, TickRange(0 if last_tick is None else last_tick + 1, end))
+        gaps = (*gaps, TickRange(begin if last_tick is None else last_tick + 1, end))
         topics = with_tail(topics, end + 1 - begin)
     ok = (
         last.complete
@@ -118,32 +118,7 @@ def _judge(files: list[Findings], begin: int, end: int | None) -> Verdict:
     stamps_ns = [file.stamp_ns_first for file in files if file.stamp_ns_first is not None]
     end_ns = max(file.stamp_ns_last for file in files)
     sim_time_s = (end_ns - min(stamps_ns, default=end_ns)) * 1e-9
-    lines = [
-        f"{files[0].path}: {'whole' if ok else 'NOT WHOLE'}"
-        + ("" if last.complete else ", not closed: the end of the run may be missing"),
-        f"  ticks {first_tick}..{last_tick}, {sim_time_s:.2f} s"
-        if last_tick is not None
-        else "  holds no tick",
-        *_seams(files),
-        *(
-            f"  {count.topic[:40]:<12} expected {count.expected}, received {count.received}, "
-            f"written {count.written}, lost {count.lost}"
-            for count in topics
-        ),
-        *(f"  missing: {what}" for what in missing),
-        *(f"  lost ticks: {gap}" for gap in gaps),
-        *([f"  {duplicates} ticks are there more than once"] if duplicates else []),
-        *([f"  {misplaced} ticks are out of order"] if misplaced else []),
-        *([f"  segments disagree: {disagreement}"] if disagreement else []),
-        *(f"  damaged: {text}" for text in damages[:LISTED_MAX]),
-    ]
-    if len(damages) > LISTED_MAX:
-        lines.append(f"  ... {len(damages) - LISTED_MAX} more damages")
-    for file in files:
-        repaired = file.metadata.get(REPAIR_METADATA)
-        if repaired is not None:
-            lines.append(f"  repaired: {file.path.name}: {repaired.get('text', '')}")
-    return Verdict(
+    verdict = Verdict(
         ok=ok,
         complete=last.complete,
         crc_errors=sum(file.crc_errors for file in files),
@@ -157,8 +132,44 @@ def _judge(files: list[Findings], begin: int, end: int | None) -> Verdict:
         sim_time_s=sim_time_s,
         segments=tuple(file.row() for file in files),
         disagreement=disagreement,
-        text=tuple(lines),
+        text=(),
     )
+    return msgspec.structs.replace(verdict, text=_lines(verdict, files, missing, len(damages)))
+
+
+def _lines(
+    verdict: Verdict, files: list[Findings], missing: list[str], damage_count: int
+) -> tuple[str, ...]:
+    """The verdict for a person."""
+    lines = [
+        f"{files[0].path}: {'whole' if verdict.ok else 'NOT WHOLE'}"
+        + ("" if verdict.complete else ", not closed: the end of the run may be missing"),
+        f"  ticks {verdict.first_tick}..{verdict.last_tick}, {verdict.sim_time_s:.2f} s"
+        if verdict.last_tick is not None
+        else "  holds no tick",
+        *_seams(files),
+        *(
+            f"  {count.topic[:40]:<12} expected {count.expected}, received {count.received}, "
+            f"written {count.written}, lost {count.lost}"
+            for count in verdict.topics
+        ),
+        *(f"  missing: {what}" for what in missing),
+        *(f"  lost ticks: {gap}" for gap in verdict.gaps),
+    ]
+    if verdict.duplicates:
+        lines.append(f"  {verdict.duplicates} ticks are there more than once")
+    if verdict.misplaced:
+        lines.append(f"  {verdict.misplaced} ticks are out of order")
+    if verdict.disagreement:
+        lines.append(f"  segments disagree: {verdict.disagreement}")
+    lines += [f"  damaged: {text}" for text in verdict.damages]
+    if damage_count > len(verdict.damages):
+        lines.append(f"  ... {damage_count - len(verdict.damages)} more damages")
+    for file in files:
+        repaired = file.metadata.get(REPAIR_METADATA)
+        if repaired is not None:
+            lines.append(f"  repaired: {file.path.name}: {repaired.get('text', '')}")
+    return tuple(lines)
 
 
 def _nothing(files: list[Findings], end: int | None) -> Verdict:
