@@ -10,7 +10,7 @@ help:
 	@echo "make demo    six robots cross two obstacles in formation; opens Rerun where there is a display"
 	@echo "make test    lint, types, tests"
 	@echo "make test-kills  the full campaign of random kills"
-	@echo "make test-soak   a thousand kills and restarts in one run of 20 robots (20 minutes)"
+	@echo "make test-soak   a thousand kills and restarts in one run of 20 robots (2 minutes)"
 	@echo "make bench   what a swarm costs, as ratios"
 	@echo "make setup   only make .venv"
 	@echo "make clean   remove .venv and caches (recordings in runs/ stay)"
