@@ -49,6 +49,7 @@ class Order(msgspec.Struct, frozen=True, kw_only=True):
     everything: bool = False
     workers: int | None = None  # processes; 0: all in this one; None: one for each core
     tries_max: int = shrink.TRIES_MAX
+    shrunk_max: int = SHRUNK_MAX
 
 
 class Spread(msgspec.Struct, frozen=True):
@@ -227,7 +228,7 @@ def _failures(
             order.everything,
             order.tries_max,
         )
-        for one in _chosen(broken)
+        for one in _chosen(broken)[: order.shrunk_max]
     ]
     found: dict[int, shrink.Shrunk | None] = {}
     for done in _shared(_smallest, tasks, order.workers):
@@ -255,12 +256,12 @@ def _failures(
 
 
 def _chosen(broken: Sequence[Ran]) -> list[Ran]:
-    """Runs to be made small."""
+    """Runs to be made small, in this order."""
     firsts: dict[str, Ran] = {}
     for one in broken:
         firsts.setdefault(worst(one.findings.violations).invariant, one)
     others = [one for one in broken if one not in firsts.values()]
-    return [*firsts.values(), *others][:SHRUNK_MAX]
+    return [*firsts.values(), *others]
 
 
 def worst(violations: Sequence[Violation]) -> Violation:
