@@ -22,6 +22,8 @@ VERBS = [
     "scenarios",
     "validate",
     "status",
+    "top",
+    "logs",
     "stop",
     "kill",
     "restart",
@@ -34,6 +36,9 @@ VERBS = [
     "reproduce",
     "world",
     "robot",
+    "doctor",
+    "view",
+    "new",
     "version",
 ]
 
@@ -174,7 +179,7 @@ def test_run_json_is_one_object_equal_to_the_summary(folder: Path) -> None:
         runs.LOGS,
     }
     logs = {path.name for path in (folder / "out" / runs.LOGS).iterdir()}
-    assert logs == {"world.log", "robot1.log", "robot2.log", "robot3.log"}
+    assert logs == {"run.log", "world.log", "robot1.log", "robot2.log", "robot3.log"}
 
 
 def test_run_names_the_expectation_it_missed(folder: Path) -> None:
