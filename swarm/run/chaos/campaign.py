@@ -27,6 +27,7 @@ from swarm.scenario import Scenario
 
 TWICE_EVERY = 25  # runs; one of them is made twice, and has to come out the same
 SHRUNK_MAX = 6  # failures that are made small: the first for each invariant, then the earliest
+SHRINK_S = 300.0  # wall, for each of them
 CONFIRM_S = 600.0  # wall; a run of the command line takes seconds
 
 GRAVEST = (
@@ -193,8 +194,11 @@ class _Task(msgspec.Struct, frozen=True):
 def _smallest(task: _Task) -> shrink.Shrunk | None:
     """The smallest schedule that breaks the same; None when memory does not show it."""
     job = task.job
+    until_s = time.monotonic() + SHRINK_S
 
     def fails(drawn: shrink.Drawn) -> bool:
+        if time.monotonic() > until_s:
+            return False  # the best so far has to do
         try:
             broken = memory.breaks(memory.changed(job, drawn), task.invariant)
         except Exception:  # whatever it is, it is what is looked for, or it is not
