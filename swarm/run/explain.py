@@ -56,7 +56,10 @@ def show(found: Why) -> None:
         console.print(Text(f"\n{text}", style="bold"))
 
     console.print(
-        Text(f"{found.robot} at {found.time_s:.2f} s (tick {found.tick}): {found.scenario}", "bold")
+        Text(
+            f"{found.robot} at {found.time_s:.2f} s (tick {found.tick}): {found.scenario}", "bold"
+        ),
+        soft_wrap=True,
     )
     say(*_state(found))
     head("What it saw")
