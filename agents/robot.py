@@ -38,12 +38,17 @@ from agents.peers import Body, Peer
 from agents.priority import Role
 from agents.steering import Wish
 from swarm import geometry, messages
-from swarm.geometry import STILL, Twist
+from swarm.geometry import STILL, Pose, Twist
 from swarm.messages import Beacon, Command, SensorFrame, Slot, Trace
 from swarm.scenario import RobotSetup
 
 # Timers never advance by more than this in one step, however many frames were missed.
 ELAPSED_S_MAX = 1.0
+# A guard that allows less than this holds a robot.
+HELD_MPS = 0.05
+# Near a body that was a robot, this margin has to do.
+SQUEEZE_M = 2.5
+SQUEEZE_MARGIN_M = 0.06
 
 
 class State(msgspec.Struct, frozen=True):
@@ -53,7 +58,7 @@ class State(msgspec.Struct, frozen=True):
     tick: int = -1  # of the last frame; -1 before the first
     command: Twist = STILL  # last set-point
     limited: bool = False  # the last set-point was not the one the mode asked for
-    held_by_peer: bool = False  # a peer in the way was what limited it
+    held_by: str = ""  # peer right in front that did not let it move
     peers: tuple[Beacon, ...] = ()  # newest of each, in order of names
     bodies: tuple[Body, ...] = ()  # of those that are not heard any more
     fit: bool = False  # whether it could lead
@@ -120,7 +125,8 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     elif complaint == "sensors":
         wish = Wish(mode="HOLD", reason="sensors")
     else:
-        state, wish = decide(setup, state, role, frame, map, others, elapsed_s)
+        careful = squeeze(setup, frame.pose, state.bodies)
+        state, wish = decide(careful, state, role, frame, map, others, elapsed_s)
         if complaint == "motors":  # it goes on asking, so it notices when they come back
             wish = msgspec.structs.replace(wish, mode="HOLD", reason="motors")
 
@@ -148,7 +154,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         waiting=waiting,
         command=set_point,
         limited=limited,
-        held_by_peer=allowed.by not in ("", "brake"),
+        held_by=allowed.by if allowed.by != "brake" and allowed.speed_mps < HELD_MPS else "",
         fit=fit,
     )
 
@@ -263,6 +269,25 @@ def is_sane(frame: SensorFrame) -> bool:
     )
 
 
+def squeeze(setup: RobotSetup, pose: Pose, bodies: tuple[Body, ...]) -> RobotSetup:
+    """Setup with less room asked for in gaps near the body of a robot that was lost.
+
+    In the middle of a gap for two it leaves a way on either side, if only just; the guards keep
+    off what is asked for too closely.
+    """
+    if not any(
+        geometry.length(body.x_m - pose.x_m, body.y_m - pose.y_m) < SQUEEZE_M for body in bodies
+    ):
+        return setup
+    steering = setup.steering
+    tight = msgspec.structs.replace(
+        steering,
+        gap_margin_m=min(steering.gap_margin_m, SQUEEZE_MARGIN_M),
+        gap_margin_follower_m=min(steering.gap_margin_follower_m, SQUEEZE_MARGIN_M),
+    )
+    return msgspec.structs.replace(setup, steering=tight)
+
+
 def is_finite(twist: Twist) -> bool:
     """Whether a set-point is one that motors could be given."""
     return isfinite(twist.speed_mps) and isfinite(twist.turn_rate_radps)
@@ -322,6 +347,8 @@ def decide(
             others,
             follow.goal_of(leader),
             state.slot,
+            priority.claim(role, state.slot, setup.row),
+            held_by=state.held_by,
             extended=extended,
             frozen=state.limited,
             waiting=is_held_up(state),
@@ -398,7 +425,7 @@ def is_held_up(state: State) -> bool:
     return (
         state.waiting.yields_to is not None
         or health.complaint(state.health) == "motors"
-        or (state.election.leads and state.held_by_peer)
+        or (state.election.leads and state.held_by != "")
     )
 
 
