@@ -46,6 +46,9 @@ from swarm.scenario import RobotSetup
 ELAPSED_S_MAX = 1.0
 # A guard that allows less than this holds a robot.
 HELD_MPS = 0.05
+# A leader goes at less than this share of its speed for one that lags, but not for longer.
+WAITING_FACTOR = 0.5
+WAITING_S_MAX = 20.0
 # Near a body that was a robot, this margin has to do.
 SQUEEZE_M = 2.5
 SQUEEZE_MARGIN_M = 0.06
@@ -68,6 +71,7 @@ class State(msgspec.Struct, frozen=True):
     formation_heading_rad: float | None = None  # theta_F, None while it is not known
     formation_turn_rate_radps: float = 0.0
     places: places.State = places.State()  # of a leader
+    waited_s: float = 0.0  # of a leader: slowed down for one that lags
     seeking: seek.State = seek.State()
     following: follow.State = follow.State()
     waiting: priority.State = priority.State()
@@ -386,9 +390,12 @@ def lead(
     pose, heading_rad = frame.pose, state.formation_heading_rad
     followers = [peer for peer in others if is_led(peer)]
     wish = Wish(mode="HOLD")
-    seeking, rate_radps = state.seeking, 0.0
+    seeking, rate_radps, waited_s = state.seeking, 0.0, 0.0
     if state.mission.goal is not None:
-        lag_m = formation.lag(heading_rad, pose, followers)
+        factor = formation.pace(setup.formation, formation.lag(heading_rad, pose, followers))
+        waited_s = state.waited_s + elapsed_s if factor < WAITING_FACTOR else 0.0
+        if waited_s > WAITING_S_MAX:
+            factor = WAITING_FACTOR
         slowest_mps = formation.slowest(setup, followers)
         cruise_mps = formation.cruise(setup, slowest_mps)
         seeking, wish = seek.step(
@@ -397,7 +404,7 @@ def lead(
             pose,
             map,
             (),
-            speed_mps=cruise_mps * formation.pace(setup.formation, lag_m),
+            speed_mps=cruise_mps * factor,
             extended=setup.robot.controller == "extended",
             waiting=is_held_up(state),
             elapsed_s=elapsed_s,
@@ -416,7 +423,11 @@ def lead(
         arrived=wish.arrived,
     )
     return msgspec.structs.replace(
-        state, seeking=seeking, places=plan, formation_turn_rate_radps=rate_radps
+        state,
+        seeking=seeking,
+        places=plan,
+        formation_turn_rate_radps=rate_radps,
+        waited_s=waited_s,
     ), wish
 
 
