@@ -18,6 +18,7 @@ pid         adaptive tracking                                   eq. 44, 47 to 64
 stray       stuck on the spot: round it; in a jam: back off
 follow      a slot: FORM, AVOID
 priority    claims, who yields to whom                          eq. 65, 66
+lateness    how late commands take effect
 guard       never faster than can be braked
 robot       all of it in order: the pure step
 process     the shell: frames in, commands out

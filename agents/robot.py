@@ -24,6 +24,7 @@ from agents import (
     formation,
     guard,
     health,
+    lateness,
     mission,
     msam,
     peers,
@@ -76,6 +77,7 @@ class State(msgspec.Struct, frozen=True):
     following: follow.State = follow.State()
     waiting: priority.State = priority.State()
     health: health.State = health.State()
+    lateness: lateness.State = lateness.State()
 
 
 def init(setup: RobotSetup, incarnation: int = 0) -> State:
@@ -107,6 +109,8 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     elapsed_s = setup.dt_s
     if state.tick >= 0:
         elapsed_s = min(ELAPSED_S_MAX, max(1, frame.tick - state.tick) * setup.dt_s)
+
+    late = lateness.step(state.lateness, frame.twist, frame.tick - state.tick)
 
     # 1. Hear: newest beacons, moved on to this tick; who leads, where to.
     sane = is_sane(frame)
@@ -148,7 +152,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         elapsed_s,
     )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
-    set_point, allowed = restrain(setup, frame, asked, map, others)
+    set_point, allowed = restrain(setup, frame, late, asked, map, others)
     if wish.reason in ("contact", "sensors") or not is_finite(set_point):
         set_point = Twist(0.0, health.PROBE_RADPS) if probes(frame, well) else STILL
     limited = wish.saturated or waiting.yields_to is not None or set_point != asked
@@ -160,6 +164,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         limited=limited,
         held_by=allowed.by if allowed.by != "brake" and allowed.speed_mps < HELD_MPS else "",
         fit=fit,
+        lateness=lateness.send(late, set_point),
     )
 
     # 5. Say.
@@ -471,19 +476,17 @@ def leader_of(state: State, others: list[Peer]) -> Peer | None:
 def restrain(
     setup: RobotSetup,
     frame: SensorFrame,
+    late: lateness.State,
     asked: Twist,
     map: msam.Map,
     others: list[Peer],
 ) -> tuple[Twist, guard.Limit]:
     """Set-point within acceleration, guards and wheel speeds, in this order: guards overrule."""
-    reached = steering.slew(
-        setup.robot, frame.twist, asked.speed_mps, asked.turn_rate_radps, setup.dt_s
-    )
     # A peer that is not heard may go on, or may have died and stopped: neither may be touched.
     bodies = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
-    allowed = guard.limit(setup, map, bodies, forward=reached.speed_mps >= 0.0)
-    speed_mps = steering.clip(reached.speed_mps, allowed.speed_mps)
-    return steering.scale_to_rims(setup.robot, Twist(speed_mps, reached.turn_rate_radps)), allowed
+    base, late_s = lateness.base(late, frame.twist), late.late_ticks * setup.dt_s
+    held, allowed = guard.hold(setup, base, asked, map, bodies, late_s=late_s)
+    return steering.scale_to_rims(setup.robot, held), allowed
 
 
 def beacon(

@@ -103,6 +103,7 @@ class Attendance:
             if run.members[name].state == "starting":
                 run.lose(name, "missing")
                 run.event("robot-missing", name, "did not come up in time")
+                run.change(name, start_tick=self.start_due(name))
             else:
                 self._lose(name)
         for name, member in run.members.items():

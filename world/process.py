@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 
-from swarm import errors, lifetime, metrics, recording, runs, scenario, zenoh_bus
+from swarm import errors, lifetime, log, messages, metrics, recording, runs, scenario, zenoh_bus
 from swarm.bus import Bus
 from swarm.messages import Status, TickRecord
 from world import checkpoint, conductor
 
+# Room that is kept for the summary: one robot takes 400 bytes of it, events of a long run the rest.
+SUMMARY_BYTES = 65_536
+SUMMARY_BYTES_PER_ROBOT = 1024
 PORT_TAKEN = 75  # exit code, EX_TEMPFAIL: the supervisor tries another port
 
 
@@ -40,7 +42,7 @@ def main(arguments: Arguments) -> int:
     try:
         bus = _open_bus(arguments)
     except errors.SwarmError as error:
-        print(f"swarm-world: {error}", file=sys.stderr, flush=True)
+        log.say("world", str(error), level="error")
         return PORT_TAKEN if "in use" in str(error) else error.exit_code
     lifetime.heed_signals(stop)
     try:
@@ -57,11 +59,11 @@ def main(arguments: Arguments) -> int:
             supervised=arguments.supervisor_pid is not None,
         )
     except errors.SwarmError as error:
-        print(f"swarm-world: {error}", file=sys.stderr, flush=True)
+        log.say("world", str(error), level="error")
         return error.exit_code
     finally:
         bus.close()
-    print(f"swarm-world: {summary.outcome}: {stop.reason or 'ended'}", file=sys.stderr, flush=True)
+    log.say("world", f"{summary.outcome}: {stop.reason or 'ended'}")
     return 0
 
 
@@ -96,6 +98,8 @@ def record_run(
             world was killed before it had made one.
     """
     plan = scenario.decode(scenario_toml, str(folder / runs.SCENARIO))
+    room_bytes = SUMMARY_BYTES + SUMMARY_BYTES_PER_ROBOT * len(plan.robots)
+    runs.hold_room(folder / runs.SUMMARY, room_bytes)
     from world.watchers import Watchers  # with Rerun, half a second that others need not wait
 
     watchers = Watchers(bus, plan, folder)
@@ -145,7 +149,7 @@ def record_run(
     (folder / checkpoint.FILE_NAME).unlink(missing_ok=True)
     text = msgspec.json.format(msgspec.json.encode(summary))
     if (problem := runs.write_whole(folder / runs.SUMMARY, text)) is not None:
-        print(f"swarm-world: {problem}", file=sys.stderr, flush=True)
+        log.say("world", problem, level="error")
     return summary
 
 
@@ -164,5 +168,5 @@ def _kept(folder: Path) -> checkpoint.Checkpoint | None:
 def _say_events(record: TickRecord) -> None:
     for event in record.events:
         who = f" {event.robot}" if event.robot else ""
-        text = f"swarm-world: tick {event.tick}: {event.kind}{who}: {event.text}"
-        print(text, file=sys.stderr, flush=True)
+        text = f"{event.kind}{who}: {event.text}"
+        log.say("world", text, level=messages.level_of(event.kind), tick=event.tick)

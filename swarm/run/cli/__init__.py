@@ -2,9 +2,12 @@
 
     running     run, scenarios, validate           options   what verbs share
     live        status, stop, kill, restart, fault
+    watch       top, logs
     recordings  verify, replay, diff, why
     hand        world, robot, version
     measure     bench, reproduce
+    breaking    chaos
+    own         doctor, view, new
 
 0  it worked      1  the run failed, or a threshold was broken
 2  a flag, a name or a file is wrong      130  interrupted
@@ -21,7 +24,7 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import hand, live, measure, recordings, running
+from swarm.run.cli import breaking, hand, live, measure, own, recordings, running, watch
 
 app = typer.Typer(
     name="swarm",
@@ -41,6 +44,8 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "validate": running.validate,
     "run": running.run,
     "status": live.status,
+    "top": watch.top,
+    "logs": watch.logs,
     "stop": live.stop,
     "kill": live.kill,
     "restart": live.restart,
@@ -53,6 +58,10 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "robot": hand.robot_,
     "bench": measure.bench,
     "reproduce": measure.reproduce,
+    "chaos": breaking.chaos,
+    "view": own.view,
+    "new": own.new,
+    "doctor": own.doctor,
     "version": hand.version,
 }
 for name, verb in VERBS.items():
