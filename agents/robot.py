@@ -54,6 +54,7 @@ class State(msgspec.Struct, frozen=True):
     tick: int = -1  # of the last frame; -1 before the first
     command: Twist = STILL  # last set-point
     limited: bool = False  # the last set-point was not the one the mode asked for
+    held_by_peer: bool = False  # a peer in the way was what limited it
     peers: tuple[Beacon, ...] = ()  # newest of each, in order of names
     bodies: tuple[Body, ...] = ()  # of those that are not heard any more
     fit: bool = False  # whether it could lead
@@ -151,6 +152,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         waiting=waiting,
         command=set_point,
         limited=limited,
+        held_by_peer=allowed.by not in ("", "brake"),
         fit=fit,
         lateness=lateness.send(late, set_point),
     )
@@ -279,10 +281,13 @@ def probes(frame: SensorFrame, well: health.State) -> bool:
 def is_masked(setup: RobotSetup, role: Role, peer: Peer) -> bool:
     """Whether a peer's body is left out of the map, because rules and forces deal with it.
 
-    In a formation: the other members, but not one that has come to grief. Else: peers that move,
-    which the right of way deals with; one that stands is an obstacle to go round. Where robots
-    treat each other as moving obstacles they all stay on the map.
+    In a formation: the other members, but not one that has come to grief, nor one in front of the
+    leader: it may be unable to get out of the way, and then the leader goes round it. Else: peers
+    that move, which the right of way deals with; one that stands is an obstacle to go round. Where
+    robots treat each other as moving obstacles they all stay on the map.
     """
+    if role == "leader" and peer.offset_body[0] > abs(peer.offset_body[1]):
+        return False
     if role != "alone":
         if peers.is_in_formation(peer.beacon):
             return not peers.has_come_to_grief(peer.beacon)
@@ -365,7 +370,7 @@ def lead(
         slowest_mps = formation.slowest(setup, followers)
         cruise_mps = formation.cruise(setup, slowest_mps)
         seeking, wish = seek.step(
-            mission.bound_for(setup, state.mission),
+            mission.bound_for(setup, state.mission, seeking.rotation.stalled_s),
             seeking,
             pose,
             map,
@@ -395,7 +400,11 @@ def lead(
 
 def is_held_up(state: State) -> bool:
     """Whether something else than the way keeps the robot, so that clocks of the way stand."""
-    return state.waiting.yields_to is not None or health.complaint(state.health) == "motors"
+    return (
+        state.waiting.yields_to is not None
+        or health.complaint(state.health) == "motors"
+        or (state.election.leads and state.held_by_peer)
+    )
 
 
 def is_led(peer: Peer) -> bool:
