@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 
 from dashboards import stage
-from dashboards.tracks import WAITS, Tracks
+from dashboards.tracks import NOBODY, WAITS, Tracks
 from swarm.geometry import Floats
 
 BODIES_MAX = 14  # positions of a robot along its way, at most
@@ -120,12 +120,13 @@ def moments(path: Tracks, step_s: float) -> list[int]:
 
 
 def links(axes: Axes, path: Tracks, tick: int) -> None:
-    """Faint lines from the leader to its followers: the shape of the formation at that time."""
-    formation = path.scenario.formation
-    if formation is None:
+    """Faint lines from leaders to their followers: the shape of the formation at that time."""
+    if path.scenario.formation is None:
         return
-    leader = path.poses[tick, path.scenario.row(formation.leader)]
-    for x_m, y_m, _ in path.poses[tick]:
+    for (x_m, y_m, _), led in zip(path.poses[tick], path.leaders[tick], strict=True):
+        if led == NOBODY:
+            continue
+        leader = path.poses[tick, led]
         axes.plot([leader[0], x_m], [leader[1], y_m], color=FAINT, linewidth=0.6, zorder=1.5)
 
 

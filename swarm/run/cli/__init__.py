@@ -3,6 +3,7 @@
     running     run, scenarios, validate           options   what verbs share
     live        status, stop, kill, restart, fault
     recordings  verify, replay, diff, why
+    results     report, export
     hand        world, robot, version
     measure     bench, reproduce
 
@@ -21,7 +22,7 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import hand, live, measure, recordings, running
+from swarm.run.cli import hand, live, measure, recordings, results, running
 
 app = typer.Typer(
     name="swarm",
@@ -49,6 +50,7 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "replay": recordings.replay_,
     "diff": recordings.diff,
     "why": recordings.why_,
+    "report": results.report,
     "world": hand.world_,
     "robot": hand.robot_,
     "bench": measure.bench,
