@@ -5,6 +5,7 @@ TickRecord -> snapshot -> foxglove -> channels for swarm.recording
               stage, blueprint ---------^
 
 snapshot    what every picture needs of a tick, as arrays
+states      what each robot's time line shows: its mode, and what is wrong with it
 foxglove    the channels that Foxglove and Rerun draw from the MCAP by themselves
 bridge      the same channels live, for Foxglove
 stage       what does not change: scene, colours, names

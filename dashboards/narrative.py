@@ -90,7 +90,9 @@ def _lead(summary: metrics.Summary, found: Sequence[Incident]) -> str:
     arrived = (
         f"all {_word(summary.robots)} robots are where they should be"
         if summary.arrived == summary.robots
-        else f"{_word(summary.arrived) if summary.arrived else 'none'} of {_word(summary.robots)} robots arrived"
+        else f"{_word(summary.arrived)} of {_word(summary.robots)} robots arrived"
+        if summary.arrived
+        else f"none of {_word(summary.robots)} robots arrived"
     )
     text = f"{OUTCOMES[summary.outcome]} after {summary.sim_time_s:.1f} s: {arrived}"
     leaders = [one for one in found if one.led]

@@ -288,7 +288,7 @@ def choose(
             return ()
         count = min(len(living), max(1, round(float(target.removeprefix(ANY)) * len(living))))
         generator = np.random.Generator(
-            np.random.Philox(key=[seed, STREAM], counter=[number, 0, 0, 0])
+            np.random.Philox(key=[seed, STREAM], counter=[0, 0, number, 0])
         )
         drawn = generator.choice(len(living), size=count, replace=False)
         return tuple(sorted(living[index] for index in drawn.tolist()))

@@ -31,9 +31,10 @@ Tick = Annotated[int, msgspec.Meta(ge=0, le=2**40)]
 Stamp = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
 
 Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
-# Why a robot says FAILED: it touched something; its frame cannot be true; it walked round all that
-# is between it and its goal, both ways; it tried for too long; its leader has failed.
-Reason = Literal["", "contact", "sensors", "enclosed", "too-long", "leader"]
+# Why a robot says FAILED or HOLD: it touched something; its sensors cannot be trusted; its motors
+# do not follow; it walked round all that is between it and its goal, both ways; it tried for too
+# long; its leader has failed.
+Reason = Literal["", "contact", "sensors", "motors", "enclosed", "too-long", "leader"]
 
 
 # --- pieces -------------------------------------------------------------------------------------
@@ -87,7 +88,7 @@ class Slot(msgspec.Struct, frozen=True, array_like=True):
 class Leadership(msgspec.Struct, frozen=True, array_like=True):
     """A claim to lead: higher term first, then the better (smaller) priority key, then the name."""
 
-    term: int
+    term: Annotated[int, msgspec.Meta(ge=0, le=2**40)]
     key: tuple[int, int, int, int]
     name: Name
 
@@ -100,8 +101,10 @@ def leadership_order(leadership: Leadership) -> tuple[int, tuple[int, int, int, 
 class Beacon(msgspec.Struct, frozen=True, array_like=True):
     """What a robot tells its peers about itself; the only thing they ever know of it.
 
-    `priority` is the claim of eq. 65 and 66 in rounded integers, smaller passes first. The
-    formation heading theta_F and its rate are those of a leader, zero otherwise.
+    `priority` is the claim of eq. 65 and 66 in rounded integers, smaller passes first. Everybody in
+    a formation passes on the highest leadership, the newest sign of life of its leader, and where
+    the formation goes; so these reach whoever does not hear the leader. The formation heading
+    theta_F and its rate are those of a leader, zero otherwise.
     """
 
     name: Name
@@ -117,12 +120,15 @@ class Beacon(msgspec.Struct, frozen=True, array_like=True):
     slot: Slot | None = None
     bearing_now_rad: Finite = 0.0  # alpha_now, the slot's bearing after the bearing switch
     leadership: Leadership | None = None  # the highest this robot knows; its own when it leads
+    leader_tick: Tick | None = None  # newest at which that leader led; None: silent for too long
+    fit: bool = False  # whether it would lead
+    assignments: tuple[tuple[Name, Slot], ...] = ()  # of a leader: slots that are to change
     goal: Vec2 | None = None
     via: tuple[Vec2, ...] = ()  # way-points still ahead, before the goal
     formation_heading_rad: Finite = 0.0
     formation_turn_rate_radps: Finite = 0.0
     yields_to: Name | None = None
-    reason: Reason = ""  # of FAILED
+    reason: Reason = ""  # of FAILED and HOLD
 
 
 class Arc(msgspec.Struct, frozen=True, array_like=True):
@@ -171,7 +177,8 @@ class SensorFrame(msgspec.Struct, frozen=True, array_like=True):
     wheels: Wheels
     contact: bool
     ranges: (
-        Array  # (beams,) float32 m; beam k looks to geometry.sector_centres(beams)[k]; inf: miss
+        Array  # (beams,) float32 m; beam k looks to geometry.sector_centres(beams)[k]; inf: miss,
+        # NaN: nothing is known there, as in REP 117
     )
     beacons: tuple[Beacon, ...] = ()  # those audible, normally of the tick before
 

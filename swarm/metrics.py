@@ -80,7 +80,7 @@ class PriorityRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LeaderRow(msgspec.Struct, frozen=True, kw_only=True):
-    """From this tick on the highest leadership that anyone follows."""
+    """From this tick on all live members of the formation followed this leader, who lived."""
 
     tick: int
     name: str
@@ -94,8 +94,8 @@ class FaultRow(msgspec.Struct, frozen=True, kw_only=True):
     target: str
     tick: int
     over_s: float | None  # how long it lasted; None: to the end
-    detected_s: float | None  # until the world took the robot for dead
-    recovered_s: float | None  # until every live robot with a leader had a live one
+    detected_s: float | None  # until the world took the robot for lost and nobody followed it
+    recovered_s: float | None  # until all followed one live leader, within 0.1 m of their slots
 
 
 class RecordingRow(msgspec.Struct, frozen=True, kw_only=True):

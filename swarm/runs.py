@@ -97,9 +97,25 @@ def new_run_id(folder: Path) -> str:
     return f"{name[:80]}-{secrets.token_hex(2)}"
 
 
+def hold_room(path: Path, size_bytes: int) -> None:
+    """Take room on the disk for a file that is to be written even if the disk is full by then."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(_room(path), os.O_WRONLY | os.O_CREAT, 0o644)
+        try:
+            os.posix_fallocate(descriptor, 0, size_bytes)
+        finally:
+            os.close(descriptor)
+
+
+def _room(path: Path) -> Path:
+    return path.with_name(f"{path.name}.room")
+
+
 def write_whole(path: Path, data: bytes) -> str | None:
     """Write a file whole or not at all; what went wrong, None when nothing did."""
     part = path.with_name(f"{path.name}.part")
+    with contextlib.suppress(OSError):
+        _room(path).unlink(missing_ok=True)
     try:
         part.write_bytes(data)
         part.replace(path)

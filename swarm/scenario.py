@@ -486,6 +486,12 @@ class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
             dt_s=self.dt_s,
             leads=formation is not None and formation.leader == name,
             slot=every[row],
+            places=tuple(
+                sorted(
+                    (slot for slot in every if slot is not None),
+                    key=lambda slot: (slot.distance_m, slot.bearing_rad),
+                )
+            ),
             formation=formation,
             slot_distance_m_max=max([slot.distance_m for slot in every if slot], default=0.0),
             **{field: getattr(self, field) for field in Shared.__struct_fields__},
@@ -498,8 +504,9 @@ class RobotSetup(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
     row: int
     robot: Robot
     dt_s: float
-    leads: bool
-    slot: Slot | None
+    leads: bool  # at the start, as far as nobody was elected since
+    slot: Slot | None  # at the start
+    places: tuple[Slot, ...]  # all slots of the formation; their order tells nothing
     formation: Formation | None
     slot_distance_m_max: float  # d_max of the formation, for the heading's rate limit
 

@@ -127,15 +127,19 @@ class _Findings:
             self.ticks.append(TickRange(record.tick, record.tick))
 
 
-def verify(path: str | os.PathLike[str]) -> Verdict:
-    """Reads all of a run's recording and says what is there, damaged or missing; never raises."""
-    files = [_look(file) for file in segment_paths(Path(path))]
-    return _judge(files)
+def verify(path: str | os.PathLike[str], last_tick: int | None = None) -> Verdict:
+    """Reads all of a run's recording and says what is there, damaged or missing; never raises.
+
+    Args:
+        last_tick: of the run, when it is known from elsewhere: a file that was cut, or mended
+            since, cannot tell what came behind.
+    """
+    return _judge([_look(file) for file in segment_paths(Path(path))], last_tick)
 
 
 def verify_file(path: Path) -> Verdict:
     """The same of one file alone."""
-    return _judge([_look(path)])
+    return _judge([_look(path)], None)
 
 
 def _look(path: Path) -> _Findings:
@@ -200,10 +204,10 @@ def _crc(source: Source, start: int, end: int) -> int:
 # --- judging --------------------------------------------------------------------------------------
 
 
-def _judge(files: list[_Findings]) -> Verdict:
+def _judge(files: list[_Findings], end: int | None) -> Verdict:
     last = files[-1]
     if all(file.failure for file in files):
-        return _nothing(files)
+        return _nothing(files, end)
     runs = [run for file in files for run in file.ticks]
     disorders = [_disorder(file.ticks) for file in files]
     duplicates = sum(number for number, _ in disorders)
@@ -217,6 +221,9 @@ def _judge(files: list[_Findings]) -> Verdict:
         toml = next((file.scenario_toml for file in files if file.scenario_toml is not None), b"")
         content, disagreement = _run_through(files, toml)
         topics = _all_topics(files, content, gap_ticks)
+    if end is not None and end > (-1 if last_tick is None else last_tick):
+        gaps = (*gaps, TickRange(0 if last_tick is None else last_tick + 1, end))
+        topics = _with_tail(topics, end + 1 - files[0].first_tick)
     ok = (
         last.complete
         and last_tick is not None
@@ -276,15 +283,16 @@ def _judge(files: list[_Findings]) -> Verdict:
     )
 
 
-def _nothing(files: list[_Findings]) -> Verdict:
+def _nothing(files: list[_Findings], end: int | None) -> Verdict:
     """Verdict on what cannot be read at all."""
+    gaps = () if end is None or end < 0 else (TickRange(0, end),)
     return Verdict(
         ok=False,
         complete=False,
         crc_errors=0,
         damages=(),
         topics=(),
-        gaps=(),
+        gaps=gaps,
         duplicates=0,
         misplaced=0,
         first_tick=None,
@@ -292,7 +300,7 @@ def _nothing(files: list[_Findings]) -> Verdict:
         sim_time_s=0.0,
         segments=tuple(file.row() for file in files),
         disagreement=None,
-        text=tuple(file.failure for file in files),
+        text=(*(file.failure for file in files), *(f"  lost ticks: {gap}" for gap in gaps)),
     )
 
 
@@ -349,6 +357,20 @@ def _seams(files: list[_Findings]) -> list[str]:
         )
         lines.append(f"  segment {number} {held} ({how}), {goes_on}")
     return lines
+
+
+def _with_tail(topics: Sequence[TopicCount], ticks: int) -> tuple[TopicCount, ...]:
+    """Counts when so many ticks are known to have been."""
+    found = {count.topic: count for count in topics}
+    count = found.get(TICK_TOPIC, TopicCount(TICK_TOPIC, 0, 0, 0, 0))
+    found[TICK_TOPIC] = TopicCount(
+        TICK_TOPIC,
+        max(count.expected, ticks),
+        count.received,
+        count.written,
+        max(count.lost, ticks - count.written),
+    )
+    return tuple(found.values())
 
 
 def _run_through(

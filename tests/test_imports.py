@@ -27,7 +27,9 @@ SHELLS = {
     "swarm.runs",
     "agents.process",
     "world.process",
+    "world.attendance",
     "world.conductor",
+    "world.desk",
     "world.injector",
     "world.watchers",
     "dashboards.live",
@@ -43,6 +45,7 @@ ONLY = {
     "rich": ("swarm.run",),
     "matplotlib": ("dashboards.figures", "dashboards.drawing", "dashboards.charts"),
     "jinja2": ("dashboards.page",),
+    "pyarrow": ("swarm.run.export",),
     "psutil": ("swarm.runs", "swarm.run"),
     "setproctitle": ("swarm.lifetime", "swarm.run"),
 }

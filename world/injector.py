@@ -12,15 +12,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from swarm import errors, faults, messages
+from swarm import faults
 from swarm.bus import Bus
 from swarm.faults import Fault
-from swarm.messages import COMMAND, FRAME, ProcessAction, ProcessRequest
+from swarm.messages import COMMAND, FRAME
 from world import roster, simulation
+from world.attendance import Attendance
 from world.situation import Situation
 
-PROCESS_TIMEOUT_S = 10.0  # the supervisor's answer when it has something to do,
-INSPECT_TIMEOUT_S = 0.5  # and when it only has to look
 GARBAGE_BYTES_MAX = 400
 GARBAGE_STREAM = 11  # of the seed's draws
 
@@ -32,6 +31,7 @@ class Injector:
         self,
         bus: Bus,
         situation: Situation,
+        attendance: Attendance,
         *,
         ready: Callable[[str], bool | None],
         save: Callable[[], None],
@@ -44,6 +44,7 @@ class Injector:
         """
         self._bus = bus
         self._now = situation
+        self._attendance = attendance
         self._ready = ready
         self._save = save
         self._disk_full = disk_full
@@ -71,16 +72,6 @@ class Injector:
         for number in last:
             self._kill_world(number)
         return now.members != before
-
-    def ask(self, robot: str, action: ProcessAction, incarnation: int = 0) -> tuple[bool, str]:
-        """Whether the supervisor did it, and its words."""
-        request = ProcessRequest(robot, action, incarnation)
-        timeout_s = INSPECT_TIMEOUT_S if action == "inspect" else PROCESS_TIMEOUT_S
-        try:
-            reply = self._bus.ask(messages.PROCESS, request, timeout_s)
-        except errors.BusError as error:
-            return False, str(error)
-        return reply.ok, reply.text
 
     # --- beginnings ---
 
@@ -115,7 +106,7 @@ class Injector:
         now = self._now
         now.event("fault", None, faults.text_of(now.faults[number]), number=number)
         self._save()
-        done, said = self.ask(faults.WORLD, "kill")
+        done, said = self._attendance.ask(faults.WORLD, "kill")
         if not done:
             now.event("fault-failed", None, f"kill: {said}", number=number)
 
@@ -126,7 +117,9 @@ class Injector:
         if not member.is_present and not isinstance(fault, faults.Restart):
             now.event("fault", name, f"{text}: {name} is {member.state} already", number=number)
             return
-        done, said = self.ask(name, "stop" if isinstance(fault, faults.Hang) else "kill")
+        done, said = self._attendance.ask(
+            name, "stop" if isinstance(fault, faults.Hang) else "kill"
+        )
         if not done:
             now.event("fault-failed", name, f"{text}: {said}", number=number)
             return
@@ -171,24 +164,19 @@ class Injector:
 
     def _continue(self, name: str) -> None:
         now = self._now
-        done, said = self.ask(name, "continue")
+        done, said = self._attendance.ask(name, "continue")
         now.change(name, continue_tick=None, awaited="back" if done else "")
         if not done:
             self._give_up(name, f"continue: {said}")
 
     # --- coming back ---
 
-    def start_due(self, name: str, *, after_s: float = 0.0) -> int | None:
-        """When the policy starts a robot that failed just now."""
-        now = self._now
-        return roster.start_due(now.scenario, now.members[name], now.tick, after_s=after_s)
-
     def _start(self, name: str) -> None:
         """Start a robot again; a process of it that is left is killed by the supervisor."""
         now = self._now
         incarnation = now.members[name].incarnation + 1
         now.start(name, incarnation)
-        done, said = self.ask(name, "start", incarnation)
+        done, said = self._attendance.ask(name, "start", incarnation)
         if not done:
             self._give_up(name, f"start: {said}")
 
@@ -204,7 +192,7 @@ class Injector:
         now = self._now
         now.lose(name, "missing")
         now.event("robot-missing", name, text)
-        now.change(name, start_tick=self.start_due(name))
+        now.change(name, start_tick=self._attendance.start_due(name))
 
     # --- garbage ---
 
@@ -218,7 +206,7 @@ class Injector:
             for row in active.rows:
                 key = [now.scenario.seed, GARBAGE_STREAM + (active.number << 8)]
                 generator = np.random.Generator(
-                    np.random.Philox(key=key, counter=[row, now.tick, 0, 0])
+                    np.random.Philox(key=key, counter=[0, now.tick, row, 0])
                 )
                 size = int(generator.integers(0, GARBAGE_BYTES_MAX))
                 payload = generator.bytes(size)

@@ -13,6 +13,9 @@ from swarm.bus import Bus
 from swarm.messages import Status, TickRecord
 from world import checkpoint, conductor
 
+# Room that is kept for the summary: one robot takes 400 bytes of it, events of a long run the rest.
+SUMMARY_BYTES = 65_536
+SUMMARY_BYTES_PER_ROBOT = 1024
 PORT_TAKEN = 75  # exit code, EX_TEMPFAIL: the supervisor tries another port
 
 
@@ -96,6 +99,8 @@ def record_run(
             world was killed before it had made one.
     """
     plan = scenario.decode(scenario_toml, str(folder / runs.SCENARIO))
+    room_bytes = SUMMARY_BYTES + SUMMARY_BYTES_PER_ROBOT * len(plan.robots)
+    runs.hold_room(folder / runs.SUMMARY, room_bytes)
     from world.watchers import Watchers  # with Rerun, half a second that others need not wait
 
     watchers = Watchers(bus, plan, folder)

@@ -36,8 +36,12 @@ def conduct(
     if bus == "memory":
         return _run_in_memory(order, watcher)
     ending = supervisor.supervise(order, watcher)
+    problem = ending.problem
+    path = order.folder / runs.SUMMARY
+    if problem is None and not path.exists():
+        problem = f"{path}: expected the world's summary, got none: is the disk full?"
     summary = summary_of(order.folder, order.name, order.run, ending.world_restarts)
-    return Conducted(summary, ending.interrupted, ending.overtime, ending.problem)
+    return Conducted(summary, ending.interrupted, ending.overtime, problem)
 
 
 def check_flags(

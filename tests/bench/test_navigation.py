@@ -9,7 +9,6 @@ import math
 import os
 import re
 import signal
-import time
 from collections import Counter
 from pathlib import Path
 
@@ -22,12 +21,11 @@ from hypothesis import strategies as st
 
 import tests.run.processes as commands
 from swarm import errors, metrics, scenario
-from swarm.run import lockstep
+from swarm.run import lockstep, sharing
 from swarm.run.bench import navigation
 from swarm.run.bench.navigation import (
     cases,
     course,
-    crew,
     encounters,
     obstacles,
     peers,
@@ -346,14 +344,19 @@ def _work(job: int) -> int:
     return job * job
 
 
-def _sleepy(job: int) -> int:
+def _deaf_or_waiting(job: tuple[str, Path]) -> None:
+    """`deaf`: heed no SIGTERM, say so, stay. `waiting`: until the other one has said so."""
+    kind, fifo = job
+    if kind == "waiting":
+        fifo.read_bytes()
+        return
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    time.sleep(job)
-    return os.getpid()
+    fifo.write_bytes(b"deaf")
+    signal.pause()
 
 
 def test_crew_hands_back_every_job_whatever_happens_to_its_worker() -> None:
-    done = {one.job: (one.value, one.problem) for one in crew.share(_work, range(9), 2)}
+    done = {one.job: (one.value, one.problem) for one in sharing.share(_work, range(9), 2, "bench")}
     assert sorted(done) == list(range(9))
     assert done[3][0] is None
     assert done[3][1].startswith("ValueError: three (_work, line ")
@@ -369,21 +372,26 @@ def test_crew_takes_no_more_jobs_than_there_are_workers_for() -> None:
             taken.append(job)
             yield job
 
-    sharing = crew.share(_work, jobs(), 1)  # type: ignore[arg-type]
-    assert next(sharing).job == 0
-    sharing.close()
+    shared = sharing.share(_work, jobs(), 1, "bench")  # type: ignore[arg-type]
+    assert next(shared).job == 0
+    shared.close()
     assert taken == [0]
 
 
-def test_crew_is_gone_when_its_results_are_no_longer_wanted() -> None:
-    sharing = crew.share(_sleepy, [0, 3600], 2)
-    pid = next(sharing).value
+def test_crew_is_gone_when_its_results_are_no_longer_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sharing, "END_S", 0.2)
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    shared = sharing.share(_deaf_or_waiting, [("deaf", fifo), ("waiting", fifo)], 2, "bench")
+    # A worker has its name only some time after its process exists: both have begun by now.
+    assert next(shared).job == ("waiting", fifo)
     children = psutil.Process().children(recursive=True)
-    names = [child for child in children if child.name().startswith("swarm-bench")]
-    assert names  # one that has ended its job may be gone already
-    sharing.close()  # the other one is deaf
-    assert pid is not None
-    assert not any(child.is_running() for child in names)
+    workers = {child.name(): child for child in children if "swarm-bench" in child.name()}
+    assert sorted(workers) == ["swarm-bench-1", "swarm-bench-2"]
+    shared.close()
+    assert not any(child.is_running() for child in workers.values())
 
 
 # --- rows ---------------------------------------------------------------------------------------
@@ -446,10 +454,10 @@ def test_worst_runs_are_crashes_then_contacts_then_late_ones_then_slow_ones() ->
 def test_a_crash_is_reported_and_fails_the_bench(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    def broken(work: object, jobs: object, workers: int) -> object:
-        yield crew.Done(Job(encounters.lanes(0), "paper"), None, "ValueError: no way")
+    def broken(work: object, jobs: object, workers: int, name: str) -> object:
+        yield sharing.Done(Job(encounters.lanes(0), "paper"), None, "ValueError: no way")
 
-    monkeypatch.setattr(crew, "share", broken)
+    monkeypatch.setattr(sharing, "share", broken)
     line = f"bench navigation --families pairs --controllers paper --out {tmp_path / 'out'}"
     result = commands.here(monkeypatch, capsys, tmp_path, line)
     assert result.returncode == 1

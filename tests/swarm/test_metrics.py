@@ -55,6 +55,7 @@ def beacon(
     slot: Slot | None = None,
     goal: tuple[float, float] | None = None,
     yields_to: str | None = None,
+    silent: bool = False,
 ) -> Beacon:
     return Beacon(
         name,
@@ -69,6 +70,7 @@ def beacon(
         (0, 0, 0, 0),
         slot=slot,
         leadership=leadership,
+        leader_tick=None if leadership is None or silent else tick,
         goal=goal,
         formation_heading_rad=heading_rad,
         yields_to=yields_to,
@@ -548,28 +550,54 @@ def test_formation_error_follows_the_leader_and_slot_that_an_election_gave() -> 
     film.shoot(a, *orphans, events=(kill,))
     assert metrics.formation_error_now(film.score, "b") is None  # nobody to be measured by
     b = body(9.95, 0.0, beacon("b", 0, leadership=B_LEADS, goal=(10.0, 0.0)))
+    film.shoot(a, b, orphans[1])
+    c = body(8.8, 0.0, beacon("c", 0, leadership=B_LEADS, slot=Slot(1.0, 0.0)))
+    film.shoot(a, b, c)
     c = body(9.0, 0.0, beacon("c", 0, leadership=B_LEADS, slot=Slot(1.0, 0.0)))
     film.shoot(a, b, c)
     result = film.summary
     assert metrics.formation_error_now(film.score, "c") == pytest.approx(0.05)
     assert [row.outcome for row in result.per_robot] == ["killed", "arrived", "arrived"]
-    assert [(row.tick, row.name, row.term) for row in result.leaders] == [(0, "a", 0), (2, "b", 1)]
+    # b leads from tick 2, but c agrees in tick 3, and is near its slot in tick 4.
+    assert [(row.tick, row.name, row.term) for row in result.leaders] == [(0, "a", 0), (3, "b", 1)]
     (fault,) = result.faults
     assert (fault.kind, fault.target, fault.tick) == ("kill", "a", 1)
-    assert fault.detected_s == 0.0
-    assert fault.recovered_s == pytest.approx(0.1)
+    assert fault.detected_s == pytest.approx(0.2)
+    assert fault.recovered_s == pytest.approx(0.3)
 
 
-def test_leaders_name_the_highest_that_is_followed_whoever_comes_first() -> None:
+def test_old_leader_that_follows_is_measured_by_its_slot() -> None:
     film = Film(CONVOY)
-    rivals = [A_LEADS, B_LEADS, Leadership(1, (0, 9, 9, 9), "c")]  # same term: the smaller key
-    film.shoot(
-        *(
-            body(-1.0 * row, 0.0, beacon(setup.name, 0, leadership=one))
-            for row, (setup, one) in enumerate(zip(film.plan.robots, rivals, strict=True))
+    b = body(5.0, 0.0, beacon("b", 0, leadership=B_LEADS, goal=(10.0, 0.0)))
+    a = body(3.7, 0.0, beacon("a", 0, leadership=B_LEADS, slot=Slot(1.0, 0.0)))
+    c = body(3.0, 0.0, beacon("c", 0, leadership=B_LEADS, slot=Slot(2.0, 0.0)))
+    film.shoot(a, b, c)
+    assert metrics.formation_error_now(film.score, "a") == pytest.approx(0.3)
+    assert metrics.formation_error_now(film.score, "b") is None
+
+
+def test_leaders_are_named_when_all_who_live_agree() -> None:
+    film = Film(CONVOY)
+    rivals = [A_LEADS, B_LEADS, B_LEADS]
+
+    def shoot(a_lives: bool, *claims: Leadership, silent: bool = False) -> None:
+        names = ("a", "b", "c")
+        said = [
+            beacon(name, 0, leadership=claim, silent=silent)
+            for name, claim in zip(names, claims, strict=True)
+        ]
+        film.shoot(
+            body(0.0, 0.0, said[0], alive=a_lives), body(1.0, 0.0, said[1]), body(2.0, 0.0, said[2])
         )
-    )
-    assert [(row.name, row.term) for row in film.summary.leaders] == [("c", 1)]
+
+    shoot(True, *rivals)
+    shoot(True, A_LEADS, A_LEADS, A_LEADS, silent=True)  # who is silent is not followed
+    shoot(False, A_LEADS, A_LEADS, A_LEADS)  # nor is it agreed while the leader is dead
+    assert film.summary.leaders == []
+    shoot(False, *rivals)
+    shoot(True, *rivals)
+    shoot(True, B_LEADS, B_LEADS, B_LEADS)
+    assert [(row.tick, row.name, row.term) for row in film.summary.leaders] == [(3, "b", 1)]
 
 
 def test_settling_runs_from_the_last_leaving_of_avoid_until_all_errors_are_small() -> None:

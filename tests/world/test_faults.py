@@ -174,6 +174,17 @@ def test_slow_commands_take_effect_so_many_ticks_later_and_all_at_once_at_the_en
     assert state.held == ()
 
 
+def test_slow_faults_do_not_add_up_the_longest_counts() -> None:
+    world = world_of(TWO)
+    struck = (fault(Slow, late_s=0.24, for_s=0.4), (0,)), (fault(Slow, late_s=0.08), (0,))
+    state = inflicted(world, simulation.init(world), *struck)
+    effects = []
+    for _ in range(7):
+        state, _, due = tick(world, state, a=STILL, b=STILL)
+        effects.append([one.tick for one in due if one.robot == "a"])
+    assert effects == [[], [], [], [0], [1], [2, 3, 4], [5]]
+
+
 def test_slow_robot_is_heard_late_too() -> None:
     world = world_of(TWO)
     state = inflicted(world, simulation.init(world), (fault(Slow, late_s=0.24), (0,)))
@@ -346,6 +357,16 @@ def test_contact_is_judged_when_it_happens() -> None:
     assert [body.excused for body in late.bodies] == [False, False]  # over before
     later = inflicted(world, late, (fault(Dead), (0, 1)))
     assert not any(body.excused for body in drive(world, later, 3, a=AHEAD).bodies)  # begun after
+
+
+def test_contact_stays_to_blame_when_a_faulty_robot_runs_into_it_later() -> None:
+    world = world_of(WALL.replace("3.0, 4.0", "-1.0, 0.0"))
+    state = drive(world, simulation.init(world), 10, a=Twist(1.0, 0.0), b=STILL)
+    assert [body.contact for body in state.bodies] == [True, False]
+    state = inflicted(world, state, (fault(Weak), (1,)))
+    state = drive(world, state, 30, a=STILL, b=Twist(1.0, 0.0))
+    assert [body.contact for body in state.bodies] == [True, True]
+    assert [body.excused for body in state.bodies] == [False, True]
 
 
 # --- all of them --------------------------------------------------------------------------------

@@ -6,6 +6,7 @@
     results     report, export
     hand        world, robot, version
     measure     bench, reproduce
+    breaking    chaos
 
 0  it worked      1  the run failed, or a threshold was broken
 2  a flag, a name or a file is wrong      130  interrupted
@@ -22,7 +23,7 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import hand, live, measure, recordings, results, running
+from swarm.run.cli import breaking, hand, live, measure, recordings, results, running
 
 app = typer.Typer(
     name="swarm",
@@ -51,10 +52,12 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "diff": recordings.diff,
     "why": recordings.why_,
     "report": results.report,
+    "export": results.export_,
     "world": hand.world_,
     "robot": hand.robot_,
     "bench": measure.bench,
     "reproduce": measure.reproduce,
+    "chaos": breaking.chaos,
     "version": hand.version,
 }
 for name, verb in VERBS.items():

@@ -13,6 +13,7 @@ from typer import Argument, Option
 from swarm import errors, runs
 from swarm import scenario as scenarios
 from swarm.run import front, launch, library, supervisor
+from swarm.run.bar import Bar
 from swarm.run.cli import options
 
 
@@ -81,6 +82,7 @@ def _bench_navigation(
     tiny: bool,
     as_json: bool,
 ) -> None:
+    from swarm.run import bench as benchmarks
     from swarm.run.bench import navigation
     from swarm.run.bench.navigation import table
 
@@ -88,7 +90,7 @@ def _bench_navigation(
     plan = navigation.plan(
         families=families, controllers=controllers, seeds=seeds, folder=folder, tiny=tiny
     )
-    with table.Bar() as bar:
+    with Bar(benchmarks.NAVIGATION) as bar:
         found = navigation.measure(plan, out, bar.advance)
     if as_json:
         options.print_json(found)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 from typer import Argument, Option
 
@@ -25,7 +26,7 @@ def verify(
     """
     target = runs.recording(path)
     repaired = recording.repair(target) if repair else None
-    verdict = recording.verify(target)
+    verdict = recording.verify(target, _last_tick(target))
     if as_json:
         options.print_json({"verdict": verdict, "repair": repaired})
     else:
@@ -33,6 +34,22 @@ def verify(
             print(line)
     if not verdict.ok:
         raise typer.Exit(1)
+
+
+def _last_tick(target: Path) -> int | None:
+    """Last tick of the run by its summary, None when that is not there."""
+    if target.name != runs.MCAP:
+        return None
+    try:
+        return msgspec.json.decode((target.parent / runs.SUMMARY).read_bytes(), type=_Ticks).ticks
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+class _Ticks(msgspec.Struct):
+    """What of a summary tells how long the run was."""
+
+    ticks: int
 
 
 def replay_(

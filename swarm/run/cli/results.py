@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from typer import Argument, Option
@@ -87,4 +87,39 @@ def _write(file: Path, data: bytes, flag: str) -> None:
     if problem is not None:
         raise errors.UsageError(
             f"{problem}; expected a place that can be written, choose another with {flag}"
+        )
+
+
+def export_(
+    path: options.Run,
+    form: Annotated[
+        Literal["parquet", "csv"], Option("--format", help="Of the files.")
+    ] = "parquet",
+    out: Annotated[
+        Path | None, Option(metavar="DIR", help="Folder of the files, if not export/ in the run's.")
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
+    """Write a run as tables: robots, frames, heard, commands, beacons, events.
+
+    columns.md beside them tells every column with its unit; so do the schemas of Parquet files.
+    Exit code 1 when the recording is cut: then what can be read of it is written.
+
+    Example:  swarm export runs/20260101T120000Z-two-obstacles --format csv --out tables
+    """
+    from swarm.run import export as exports
+
+    recording = runs.recording(path)
+    folder = recording.parent / exports.FOLDER if out is None else out
+    found = exports.export(recording, folder, form)
+    if as_json:
+        options.print_json(found)
+    else:
+        for name, count in found.rows.items():
+            print(f"{name:<9} {count:>9} rows")
+        print(f"ticks {found.first_tick}..{found.last_tick} in {found.folder}")
+    if found.cut:
+        raise errors.RecordingError(
+            f"{path}: expected a whole recording, got one that is cut or damaged; exported what "
+            "can be read of it, see swarm verify"
         )

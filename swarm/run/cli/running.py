@@ -181,10 +181,10 @@ def report(ended: launch.Conducted, folder: Path, as_json: bool) -> None:
         failed.append(f"outcome: expected succeeded, got {summary.outcome}")
     failed += [f"missed: {text}" for text in summary.expect.missed]
     if summary.recording is not None and summary.recording.lost:
-        last = recording.verify(folder / runs.MCAP).last_tick
+        gaps = recording.verify(folder / runs.MCAP, summary.ticks).gaps
         failed.append(
-            f"recording: {summary.recording.lost} messages lost, whole up to tick {last} of "
-            f"{summary.ticks}; see swarm verify {folder}"
+            f"recording: {summary.recording.lost} messages lost, of ticks "
+            f"{', '.join(map(str, gaps)) or 'none'}; see swarm verify {folder}"
         )
     if ended.overtime:
         failed.append("stopped by --stop-after")
