@@ -31,6 +31,7 @@ from swarm.score import SETTLED_M
 WIDTH_IN = 12.0
 LINES_MAX = 12  # robots; the lines of more of them are one band
 ANGLES_MAX = 6  # robots whose forces are drawn: who led, who was struck, then the first
+STEPS_DEG = (5.0, 15.0, 45.0, 90.0, 180.0, 360.0)  # between ticks of angles
 NEAR_M = 2.5  # distances beyond this are cut off
 BAD = "#c53030"
 GOOD = "#2f855a"
@@ -337,9 +338,7 @@ def angles(seen: Course, summary: metrics.Summary, found: Sequence[Incident]) ->
     for axes, row in zip(grid.flat, shown, strict=False):
         figures.force_angle(axes, path, row)
         low, high = axes.get_ylim()
-        step_deg = next(
-            step for step in (45.0, 90.0, 180.0, 360.0) if high - low < 5 * step or step == 360.0
-        )
+        step_deg = next((step for step in STEPS_DEG if high - low < 5.0 * step), STEPS_DEG[-1])
         axes.yaxis.set_major_locator(MultipleLocator(step_deg))
         axes.set_title(names[row], loc="left")
         axes.set_xlim(0.0, path.times_s[-1] or path.scenario.dt_s)

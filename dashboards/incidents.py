@@ -67,10 +67,11 @@ def incidents(seen: Course, summary: metrics.Summary) -> tuple[Incident, ...]:
     return tuple(_with_shape(seen, found, number) for number in range(len(found)))
 
 
-def leader_at(summary: metrics.Summary, tick: int) -> str:
-    """Who led just before a tick, "" when nobody did."""
-    before = [row.name for row in summary.leaders if row.tick < tick or row.tick == 0]
-    return before[-1] if before else ""
+def leader_at(seen: Course, summary: metrics.Summary, tick: int) -> str:
+    """Who led just before a tick, "" when nobody did; at the very start whoever is to lead."""
+    before = [row.name for row in summary.leaders if row.tick < tick]
+    formation = seen.path.scenario.formation
+    return before[-1] if before else "" if formation is None else formation.leader
 
 
 def _injected(seen: Course, summary: metrics.Summary) -> list[Incident]:
@@ -138,7 +139,7 @@ def _incident(
     over_s: float | None,
 ) -> Incident:
     takes_away = kind in TAKES_AWAY
-    led = takes_away and leader_at(summary, event.tick) in robots
+    led = takes_away and leader_at(seen, summary, event.tick) in robots
     successor = next((row for row in summary.leaders if led and row.tick > event.tick), None)
     back = _next(seen, event, "robot-started") if len(robots) == 1 else None
     return Incident(

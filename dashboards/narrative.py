@@ -102,7 +102,7 @@ def _lead(summary: metrics.Summary, found: Sequence[Incident]) -> str:
         who = "the leader" if who == "leader" else f"the leader, {who},"
         text += f"; {who} {_struck(one)} at {one.time_s:.2f} s"
         text += (
-            f" and {one.successor} led on {_span(one.successor_s)}"
+            f", and {_span(one.successor_s)} all followed {one.successor}"
             if one.successor and one.successor_s is not None
             else " and nobody took its place"
         )
@@ -116,7 +116,7 @@ def _setting(scenario: Scenario, summary: metrics.Summary) -> str:
     who = f"{_count(count)} robot{'s' if count > 1 else ''}"
     formation = scenario.formation
     what = (
-        f" in formation behind {formation.leader}"
+        f" in formation behind {'their leader' if formation.leader == 'leader' else formation.leader}"
         if formation is not None
         else ""
         if any(robot.goal is not None for robot in scenario.robots)
@@ -212,16 +212,16 @@ def _incident(scenario: Scenario, summary: metrics.Summary, one: Incident) -> st
     texts = [f"{when} {who}{led} {_struck(one)}{cause}."]
     if one.kind == "fault failed":
         texts = [f"{when} a fault could not be carried out: {one.cause}."]
-    if one.detected_s is not None:
-        texts.append(
-            "It was taken for lost at once."
-            if one.detected_s == 0.0
-            else f"It was taken for lost {_span(one.detected_s)}."
-        )
+    if one.detected_s is not None and one.led:
+        texts.append(f"Nobody followed it any more {_span(one.detected_s)}.")
+    elif one.detected_s is not None:
+        texts.append(f"It was taken for lost {_span(one.detected_s)}.")
     if one.led:
         texts.append(_succession(scenario, summary, one))
     if one.back_s is not None:
-        texts.append(f"A new process of {who} went on {_span(one.back_s)}, remembering nothing.")
+        texts.append(
+            f"{_span(one.back_s).capitalize()} a new process of {who} went on, remembering nothing."
+        )
     elif one.over_s is not None:
         texts.append(f"It was over {_span(one.over_s)}.")
     if one.shape is not None and one.shape.most_m is not None:
@@ -238,7 +238,7 @@ def _succession(scenario: Scenario, summary: metrics.Summary, one: Incident) -> 
         )
     term = next(row.term for row in summary.leaders if row.tick > one.tick)
     again = " again" if one.successor in one.robots else ""
-    return f"{one.successor} led{again} {_span(one.successor_s)}, in term {term}."
+    return f"All followed {one.successor}{again} {_span(one.successor_s)}, in term {term}."
 
 
 def _shape_text(one: Incident) -> str:
@@ -252,7 +252,7 @@ def _shape_text(one: Incident) -> str:
         return f"{text} and did not settle within 0.1 m."
     if shape.settled_s == 0.0:
         return f"{text}."
-    return f"{text}; it was within 0.1 m {_span(shape.settled_s)}."
+    return f"{text}; {_span(shape.settled_s)} everyone was within 0.1 m of its slot again."
 
 
 def _yielding(seen: Course) -> str:
@@ -273,9 +273,12 @@ def _expectations(summary: metrics.Summary) -> str:
     if not met and not missed:
         return ""
     if not missed:
+        if len(met) == 1:
+            return "The one expectation of the scenario is met."
         return f"All {_word(len(met))} expectations of the scenario are met."
     return (
-        f"{_count(len(missed))} of {_word(len(met) + len(missed))} expectations of the scenario "
+        f"{_count(len(missed))} of {_word(len(met) + len(missed))} "
+        f"expectation{'s' if len(met) + len(missed) > 1 else ''} of the scenario "
         f"{'are' if len(missed) > 1 else 'is'} missed: {_listed(missed)}."
     )
 
@@ -315,7 +318,7 @@ def _struck(one: Incident) -> str:
 
 
 def _span(seconds: float | None) -> str:
-    return "" if seconds is None else "at once" if seconds == 0.0 else f"{seconds:.2f} s later"
+    return "" if seconds is None else "at once" if seconds == 0.0 else f"after {seconds:.2f} s"
 
 
 def _word(number: int) -> str:

@@ -170,7 +170,7 @@ def html(run: Run) -> str:
 def comparison(a: Run, b: Run) -> str:
     """The page of two runs."""
     views = (_view(a, "a-"), _view(b, "b-"))
-    rows = [_Row.of(*pair) for pair in zip(views[0].merits, views[1].merits, strict=True)]
+    rows = [compare(*pair) for pair in zip(views[0].merits, views[1].merits, strict=True)]
     names = [chart.name for view in views for chart in view.figures]
     figures = [
         [next((one for one in view.figures if one.name == name), None) for view in views]
@@ -313,7 +313,7 @@ def fault_key(row: metrics.FaultRow) -> tuple[str, int]:
     return row.kind, row.tick
 
 
-class _Row(msgspec.Struct, frozen=True):
+class MeritPair(msgspec.Struct, frozen=True):
     """One figure of two runs."""
 
     label: str
@@ -322,19 +322,20 @@ class _Row(msgspec.Struct, frozen=True):
     difference: str
     verdict: str  # of the second against the first: "better", "worse" or ""
 
-    @staticmethod
-    def of(a: Merit, b: Merit) -> _Row:
-        difference, verdict = "", ""
-        if a.value is not None and b.value is not None:
-            change = b.value - a.value
-            difference = f"{change:+.{a.digits}f}{' ' + a.unit if a.unit else ''}"
-            if abs(change) < 0.5 * 10.0**-a.digits:
-                difference = "="
-            elif a.better:
-                verdict = "better" if change * a.better > 0 else "worse"
-        elif a.value != b.value and a.better:
-            verdict = "worse" if b.value is None else "better"
-        return _Row(a.label, a.text, b.text, difference, verdict)
+
+def compare(a: Merit, b: Merit) -> MeritPair:
+    """The same figure of two runs; what does not apply any more is worse."""
+    difference, verdict = "", ""
+    if a.value is not None and b.value is not None:
+        change = b.value - a.value
+        difference = f"{change:+.{a.digits}f}{' ' + a.unit if a.unit else ''}"
+        if abs(change) < 0.5 * 10.0**-a.digits:
+            difference = "="
+        elif a.better:
+            verdict = "better" if change * a.better > 0 else "worse"
+    elif a.value != b.value and a.better:
+        verdict = "worse" if b.value is None else "better"
+    return MeritPair(a.label, a.text, b.text, difference, verdict)
 
 
 # --- what the figures draw ----------------------------------------------------------------------

@@ -75,7 +75,7 @@ def collect(
                 angles_rad[rows[command.robot]] = atan2(y, x)
         forces_rad.append(angles_rad)
         states.append(_states(record))
-        leaders.append([_leader(robot, rows) for robot in record.robots])
+        leaders.append([_leader(robot, record, rows) for robot in record.robots])
     if not times_s:
         raise errors.RecordingError(f"{scenario.title}: expected ticks to draw, got none")
     return Tracks(
@@ -90,11 +90,12 @@ def collect(
     )
 
 
-def _leader(robot: RobotRecord, rows: dict[str, int]) -> int:
-    """Row of whom a live robot follows; a leader follows itself."""
+def _leader(robot: RobotRecord, record: TickRecord, rows: dict[str, int]) -> int:
+    """Row of whom a live robot follows, if that one lives; a leader follows itself."""
     if not robot.alive or robot.beacon is None or robot.beacon.leadership is None:
         return NOBODY
-    return rows.get(robot.beacon.leadership.name, NOBODY)
+    row = rows.get(robot.beacon.leadership.name, NOBODY)
+    return row if row != NOBODY and record.robots[row].alive else NOBODY
 
 
 def _states(record: TickRecord) -> tuple[str, ...]:
