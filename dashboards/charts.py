@@ -31,7 +31,7 @@ from swarm.score import SETTLED_M
 WIDTH_IN = 12.0
 LINES_MAX = 12  # robots; the lines of more of them are one band
 ANGLES_MAX = 6  # robots whose forces are drawn: who led, who was struck, then the first
-STEPS_DEG = (5.0, 15.0, 45.0, 90.0, 180.0, 360.0)  # between ticks of angles
+STEPS_DEG = (1.0, 5.0, 15.0, 45.0, 90.0, 180.0, 360.0)  # between ticks of angles
 NEAR_M = 2.5  # distances beyond this are cut off
 BAD = "#c53030"
 GOOD = "#2f855a"
@@ -371,6 +371,7 @@ def processes(loads: Sequence[Load]) -> Figure:
     for axes in panels:
         axes.set_ylim(bottom=0.0)
         axes.grid(color=drawing.FAINT, alpha=0.3)
+        axes.set_xlim(left=0.0)
     panels[-1].set_xlabel("time on the wall [s]")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)

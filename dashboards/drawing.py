@@ -25,6 +25,7 @@ LINE_SHARE = 0.7  # of a colour's brightness
 INK = "#2d3748"
 FAINT = "#a0aec0"
 OBSTACLE = "#cbd5e0"
+LEGEND_COLUMNS = 8  # of robots' names; beyond it they take another row
 WAITS_COLOUR = "#f56565"
 # Points; the leader's gold is near to other yellows upon white, and others follow in its line.
 RIM, LEADER_RIM = 0.7, 2.2
@@ -220,4 +221,9 @@ def legend_of_robots(
         )
         for row in shown
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=min(len(handles), LEGEND_COLUMNS),
+        frameon=False,
+    )

@@ -62,7 +62,16 @@ class Incident(msgspec.Struct, frozen=True):
 
 def incidents(seen: Course, summary: metrics.Summary) -> tuple[Incident, ...]:
     """All of them by time."""
-    found = [*_injected(seen, summary), *_unasked(seen, summary)]
+    injected = _injected(seen, summary)
+    expected = {
+        one.tick for one in injected if not one.robots and one.kind == "kill" and one.back_s == 0.0
+    }
+    unasked = [
+        one
+        for one in _unasked(seen, summary)
+        if one.kind != "world restarted" or one.tick not in expected
+    ]
+    found = [*injected, *unasked]
     found.sort(key=lambda one: (one.tick, not one.injected))
     return tuple(_with_shape(seen, found, number) for number in range(len(found)))
 
@@ -141,7 +150,11 @@ def _incident(
     takes_away = kind in TAKES_AWAY
     led = takes_away and leader_at(seen, summary, event.tick) in robots
     successor = next((row for row in summary.leaders if led and row.tick > event.tick), None)
-    back = _next(seen, event, "robot-started") if len(robots) == 1 else None
+    back = None
+    if len(robots) == 1:
+        back = _next(seen, event, "robot-started")
+    elif event.kind == "fault" and kind == "kill":  # of the world
+        back = _next(seen, event, "world-resumed")
     return Incident(
         tick=event.tick,
         time_s=event.tick * seen.path.scenario.dt_s,
@@ -183,9 +196,9 @@ def _last(values: Sequence[float | None]) -> float | None:
 
 def _with_shape(seen: Course, found: Sequence[Incident], number: int) -> Incident:
     one = found[number]
-    if seen.path.scenario.formation is None or one.kind not in TAKES_AWAY:
+    if seen.path.scenario.formation is None or not _takes_away(one):
         return one
-    following = [other.tick for other in found[number + 1 :] if other.kind in TAKES_AWAY]
+    following = [other.tick for other in found[number + 1 :] if _takes_away(other)]
     error_m = course.formation_error_m(seen)
     first = int(np.searchsorted(seen.ticks, one.tick))
     end = int(np.searchsorted(seen.ticks, following[0])) if following else len(error_m)
@@ -209,6 +222,11 @@ def _with_shape(seen: Course, found: Sequence[Incident], number: int) -> Inciden
             else None,
         ),
     )
+
+
+def _takes_away(one: Incident) -> bool:
+    """Whether it takes a robot; the world comes back and has forgotten nothing."""
+    return bool(one.robots) and one.kind in TAKES_AWAY
 
 
 def _finite(value: float) -> float | None:

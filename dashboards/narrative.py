@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 
 import msgspec
 
@@ -78,7 +79,7 @@ def tell(seen: Course, summary: metrics.Summary, found: Sequence[Incident]) -> S
         _tied(_lead(summary, found))[0],
         _tied(_setting(seen.path.scenario, summary), f"{_ending(summary)} {_closeness(seen)}"),
         _tied(*(_incident(seen.path.scenario, summary, one) for one in found[:TOLD_MAX])),
-        _tied(more, _yielding(seen), _expectations(summary)),
+        _tied(more, _leaders(seen, summary, found), _yielding(seen), _expectations(summary)),
     )
 
 
@@ -88,7 +89,9 @@ def tell(seen: Course, summary: metrics.Summary, found: Sequence[Incident]) -> S
 def _lead(summary: metrics.Summary, found: Sequence[Incident]) -> str:
     """One sentence, with the worst that happened."""
     arrived = (
-        f"all {_word(summary.robots)} robots are where they should be"
+        "the robot is where it should be"
+        if summary.arrived == summary.robots == 1
+        else f"all {_word(summary.robots)} robots are where they should be"
         if summary.arrived == summary.robots
         else f"{_word(summary.arrived)} of {_word(summary.robots)} robots arrived"
         if summary.arrived
@@ -115,8 +118,9 @@ def _setting(scenario: Scenario, summary: metrics.Summary) -> str:
     count = len(scenario.robots)
     who = f"{_count(count)} robot{'s' if count > 1 else ''}"
     formation = scenario.formation
+    led = "" if formation is None else formation.leader
     what = (
-        f" in formation behind {'their leader' if formation.leader == 'leader' else formation.leader}"
+        f" in formation behind {'their leader' if led == 'leader' else led}"
         if formation is not None
         else ""
         if any(robot.goal is not None for robot in scenario.robots)
@@ -192,12 +196,12 @@ def _closeness(seen: Course) -> str:
     robots, obstacle = course.nearest_robot(seen), course.nearest_obstacle(seen)
     if robots is not None:
         parts.append(
-            f"{robots.distance_m:.3f} m between {robots.robot} and {robots.to} "
+            f"{_metres(robots.distance_m)} between {robots.robot} and {robots.to} "
             f"at {robots.time_s:.2f} s"
         )
     if obstacle is not None:
         parts.append(
-            f"{obstacle.distance_m:.3f} m from {obstacle.robot} to an obstacle "
+            f"{_metres(obstacle.distance_m)} from {obstacle.robot} to an obstacle "
             f"at {obstacle.time_s:.2f} s"
         )
     return f"The least distances of surfaces were {' and '.join(parts)}." if parts else ""
@@ -218,7 +222,9 @@ def _incident(scenario: Scenario, summary: metrics.Summary, one: Incident) -> st
         texts.append(f"It was taken for lost {_span(one.detected_s)}.")
     if one.led:
         texts.append(_succession(scenario, summary, one))
-    if one.back_s is not None:
+    if one.back_s is not None and not one.robots:
+        texts.append("It was started again and went on where it had been.")
+    elif one.back_s is not None:
         texts.append(
             f"{_span(one.back_s).capitalize()} a new process of {who} went on, remembering nothing."
         )
@@ -255,6 +261,23 @@ def _shape_text(one: Incident) -> str:
     return f"{text}; {_span(shape.settled_s)} everyone was within 0.1 m of its slot again."
 
 
+def _leaders(seen: Course, summary: metrics.Summary, found: Sequence[Incident]) -> str:
+    """Changes of the leader that no incident accounts for."""
+    told = {(one.tick, one.successor) for one in found if one.successor}
+    dt_s = seen.path.scenario.dt_s
+    changes = []
+    for before, row in pairwise(summary.leaders):
+        if not any(
+            tick <= row.tick and name == row.name and tick >= before.tick for tick, name in told
+        ):
+            changes.append(f"{row.name} at {row.tick * dt_s:.2f} s (term {row.term})")
+    if not changes:
+        return ""
+    if len(changes) > NAMED_MAX:
+        return f"The leader changed {_word(len(changes))} times more, as the table below tells."
+    return f"The leader changed without such a cause: to {_listed(changes)}."
+
+
 def _yielding(seen: Course) -> str:
     found = course.waits(seen)
     if not found:
@@ -262,7 +285,7 @@ def _yielding(seen: Course) -> str:
     times = sum(one.times for one in found)
     longest = max(found, key=lambda one: one.longest_s)
     return (
-        f"Robots gave way to each other {_word(times)} time{'s' if times > 1 else ''}, "
+        f"Robots gave way to each other {'once' if times == 1 else f'{_word(times)} times'}, "
         f"{sum(one.total_s for one in found):.1f} s in all; the longest wait was {longest.robot}'s "
         f"for {longest.to}, {longest.longest_s:.2f} s."
     )
@@ -319,6 +342,10 @@ def _struck(one: Incident) -> str:
 
 def _span(seconds: float | None) -> str:
     return "" if seconds is None else "at once" if seconds == 0.0 else f"after {seconds:.2f} s"
+
+
+def _metres(distance_m: float) -> str:
+    return f"{round(distance_m, 3) + 0.0:.3f} m"  # never minus zero
 
 
 def _word(number: int) -> str:

@@ -256,7 +256,7 @@ def number(value: Number, unit: str = "", digits: int = 0) -> str:
     """A figure with its unit; a dash for what does not apply."""
     if value is None or not isfinite(value):
         return "–"  # noqa: RUF001
-    return f"{value:.{digits}f}{' ' + unit if unit else ''}"
+    return f"{round(value, digits) + 0.0:.{digits}f}{' ' + unit if unit else ''}"
 
 
 def merits(run: Run) -> tuple[Merit, ...]:

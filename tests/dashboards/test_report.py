@@ -1,4 +1,4 @@
-"""The report: its numbers are the summary's, its words tell what happened, it needs nothing else."""
+"""The report: its numbers are the summary's, its words tell what happened, it stands alone."""
 
 from __future__ import annotations
 
@@ -152,6 +152,25 @@ def test_one_fault_of_many_robots_is_one_incident_and_a_restart_is_told(made_run
     assert beacons.gap_ms_max > 80.0
     words = " ".join(report.numbers(run).words).replace("\xa0", " ")
     assert "After 0.80 s a new process of robot3 went on" in words
+
+
+def test_world_that_is_killed_and_comes_back_takes_nobody_away(made_run: MadeRun) -> None:
+    found = report.numbers(reading.read(made_run("kill:world@1.6")))
+    [incident] = found.incidents
+    assert (incident.kind, incident.robots, incident.back_s) == ("kill", (), 0.0)
+    assert incident.shape is None
+    assert "the world was killed (SIGKILL)" in " ".join(found.words)
+    assert "It was started again and went on where it had been." in " ".join(found.words)
+
+
+def test_change_of_the_leader_without_an_incident_is_told(killed: report.Run) -> None:
+    last = killed.summary.leaders[-1]
+    later = metrics.LeaderRow(tick=last.tick + 50, name="robot1", term=last.term + 1)
+    summary = msgspec.structs.replace(killed.summary, leaders=[*killed.summary.leaders, later])
+    words = report.numbers(msgspec.structs.replace(killed, summary=summary)).words
+    when = f"robot1 at {later.tick * 0.08:.2f} s (term {later.term})".replace(" s (", "\xa0s (")
+    assert f"The leader changed without such a cause: to {when}." in words
+    assert not any("without such a cause" in text for text in report.numbers(killed).words)
 
 
 # --- the page -----------------------------------------------------------------------------------

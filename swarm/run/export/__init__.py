@@ -24,7 +24,7 @@ from swarm.run.export.columns import TABLES, Row, Table, markdown
 from swarm.scenario import Scenario
 
 Format = Literal["parquet", "csv"]
-BATCH_ROWS = 16_384  # of a table in memory, and in a row group; at most a few MB, scans included
+BATCH_ROWS = 8_192  # of a table in memory, and in a row group; 7 MB of scans with 216 beams
 FOLDER = "export"
 COLUMNS = "columns.md"
 
