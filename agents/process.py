@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import math
-import sys
 import time
 from collections import deque
 from pathlib import Path
@@ -13,7 +12,7 @@ import msgspec
 import numpy as np
 
 from agents import robot
-from swarm import errors, lifetime, messages, zenoh_bus
+from swarm import errors, lifetime, log, messages, zenoh_bus
 from swarm.bus import Bus
 from swarm.geometry import STILL, Pose
 from swarm.messages import COMMAND, FRAME, Command, SensorFrame, Wheels
@@ -48,7 +47,7 @@ def main(arguments: Arguments) -> int:
             arguments.run, arguments.endpoint, name=arguments.name, tls=arguments.tls, leaf=True
         )
     except errors.SwarmError as error:
-        print(f"swarm-{arguments.name}: {error}", file=sys.stderr, flush=True)
+        log.say(arguments.name, str(error), level="error")
         return error.exit_code
     try:
         lifetime.heed_signals(stop)
@@ -57,13 +56,13 @@ def main(arguments: Arguments) -> int:
         shell.loop(stop, supervised=arguments.supervisor_pid is not None)
     except errors.SwarmError as error:
         if stop.reason is None:
-            print(f"swarm-{arguments.name}: {error}", file=sys.stderr, flush=True)
+            log.say(arguments.name, str(error), level="error")
             return error.exit_code
     finally:
         for reason, count in bus.rejected().items():
-            print(f"swarm-{arguments.name}: ignored {count} x {reason}", file=sys.stderr)
+            log.say(arguments.name, f"ignored {count} x {reason}", level="warn")
         bus.close()
-    print(f"swarm-{arguments.name}: {stop.reason}", file=sys.stderr, flush=True)
+    log.say(arguments.name, f"ends: {stop.reason}")
     return 0
 
 

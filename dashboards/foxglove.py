@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dashboards import snapshot, stage, views
-from swarm import geometry
+from swarm import geometry, messages
 from swarm.geometry import Floats
 from swarm.messages import TickRecord
 from swarm.recording import Channel
@@ -263,7 +263,7 @@ def _cloud(record: TickRecord, points: Cloud) -> bytes:
 
 def _log(record: TickRecord) -> bytes:
     """All events of a tick in one message, at the level of the worst."""
-    levels = [views.LEVELS.get(event.kind, "INFO") for event in record.events]
+    levels = [messages.level_of(event.kind).upper() for event in record.events]
     worst = max(levels, key=list(_LEVELS).index)
     return fm.Log(
         timestamp=_timestamp(record.stamp_ns),

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import rerun as rr
 
 from dashboards import states
-from swarm import geometry
+from swarm import geometry, palette
 from swarm.geometry import Floats
 from swarm.scenario import Obstacle, Scenario
 
@@ -31,7 +31,6 @@ OBSTACLE_EDGE = 0x8A97ADFF
 SCAN = 0xE8B26AFF
 HEADING = 0x0B0D10FF  # upon the light body
 STOPPED = 0xFF4D4DFF
-LEADER = 0xFFE08AFF
 LARGEST = 0x4A5568FF
 BETWEEN_ROBOTS = 0xC084FCFF
 FORCE_COLOURS = (0x4ADE80FF, 0xF87171FF, 0xFACC15FF, 0xC084FCFF, 0xFFFFFFFF)  # as in FORCES
@@ -113,14 +112,10 @@ def statics(scenario: Scenario, obstacles: Sequence[Obstacle]) -> dict[str, Stat
 
 
 def colours(scenario: Scenario) -> Colours:
-    """(robots,), far apart for neighbours in the table, light on a dark ground; gold leads."""
-    golden_turns = 0.618033988749895  # its multiples fill the colour circle evenly
-    hues = (0.55 + golden_turns * np.arange(len(scenario.robots))) % 1.0
-    wave = np.abs((hues[:, None] * 6.0 + np.array([0.0, 4.0, 2.0])) % 6.0 - 3.0) - 1.0
-    result = _rgba(255.0 * (0.35 + 0.65 * np.clip(wave, 0.0, 1.0)))
-    if scenario.formation is not None:
-        result[scenario.row(scenario.formation.leader)] = LEADER
-    return result
+    """(robots,) RGBA; see swarm.palette."""
+    formation = scenario.formation
+    leader = None if formation is None else scenario.row(formation.leader)
+    return _rgba(np.array(palette.colours(len(scenario.robots), leader), dtype=np.float64))
 
 
 def state_colours() -> dict[str, int]:

@@ -20,25 +20,14 @@ from dashboards import snapshot, states
 from dashboards.snapshot import ALIVE, CLEARANCE, CONTACT, SPEED, YAW
 from dashboards.stage import FORCES, STATE_ROBOTS_MAX
 from dashboards.states import Troubles
-from swarm import geometry
+from swarm import geometry, messages
 from swarm.geometry import Floats
-from swarm.messages import Event, EventKind, TickRecord
+from swarm.messages import Event, TickRecord
 from swarm.scenario import Scenario
 
 FORCE_LENGTH_M_MAX = 1.0  # arrow of an endless force
 FORCE_HALF = 6.0  # force whose arrow has half that length
 CROSS = np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])  # strokes, in radii
-LEVELS: Mapping[EventKind, str] = {
-    "fault": "WARN",
-    "fault-failed": "ERROR",
-    "world-resumed": "WARN",
-    "robot-missing": "ERROR",
-    "robot-lost": "WARN",
-    "robot-hung": "WARN",
-    "collision": "ERROR",
-    "message-rejected": "WARN",
-    "recording": "ERROR",
-}  # all others: INFO
 
 Rows = npt.NDArray[np.intp]
 
@@ -297,7 +286,7 @@ def _events(batch: Batch) -> Iterator[Drawing]:
         for event in record.events:
             rows.append(row)
             texts.append(event_text(event))
-            levels.append(LEVELS.get(event.kind, "INFO"))
+            levels.append(messages.level_of(event.kind).upper())
     if rows:
         columns = [*rr.TextLog.columns(text=texts, level=levels)]
         yield Drawing("events", np.array(rows), columns)

@@ -22,6 +22,7 @@ from typing import Any
 
 import setproctitle
 
+from swarm import log as log_
 from swarm.bus import Bus
 
 PR_SET_PDEATHSIG = 1  # prctl(2)
@@ -57,6 +58,7 @@ def adopt(name: str, log: Path | None, stop: Stop, supervisor_pid: int | None) -
         os.dup2(descriptor, 2)
         os.close(descriptor)
         sys.stdout, sys.stderr = _log(1), _log(2)
+        log_.begin(name)
     if supervisor_pid is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         os.setsid()
@@ -92,6 +94,11 @@ def _leave_forkserver() -> None:
         os.close(alive)
         server._forkserver_alive_fd = None
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGCONT)
+
+
+def end_with_parent() -> None:
+    """To be called in a child before it becomes another program: it ends when its parent does."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def heed_signals(stop: Stop) -> None:

@@ -37,6 +37,11 @@ Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
 Reason = Literal["", "contact", "sensors", "motors", "enclosed", "too-long", "leader"]
 
 
+# Of an array. Where one side is 0 the others could be anything, and numpy does not take that.
+SIDES_MAX = 3
+SIDE_MAX = 65_536
+
+
 # --- pieces -------------------------------------------------------------------------------------
 
 
@@ -49,10 +54,14 @@ class Array(msgspec.Struct, frozen=True, array_like=True):
 
     def __post_init__(self) -> None:
         expected = prod(self.shape) * (8 if self.dtype == "<f8" else 4)
-        if len(self.data) != expected or any(side < 0 for side in self.shape):
+        if len(self.data) != expected:
             raise ValueError(
                 f"expected {expected} bytes for shape {self.shape} of {self.dtype}, "
                 f"got {len(self.data)}"
+            )
+        if len(self.shape) > SIDES_MAX or not all(0 <= side <= SIDE_MAX for side in self.shape):
+            raise ValueError(
+                f"expected at most {SIDES_MAX} sides of 0 to {SIDE_MAX}, got {self.shape}"
             )
 
     def numpy(self) -> npt.NDArray[Any]:
@@ -162,6 +171,10 @@ class Trace(msgspec.Struct, frozen=True, array_like=True):
     speed_limit_mps: Finite = 0.0  # what braking guard and peer guard allowed
     limited_by: str = ""  # "" | "brake" | the peer's name
 
+    def __post_init__(self) -> None:
+        if self.sectors.dtype != "<f4" or len(self.sectors.shape) != 1:
+            raise ValueError(f"expected sectors as (sectors,) of <f4, got {self.sectors.dtype}")
+
 
 # --- what travels -------------------------------------------------------------------------------
 
@@ -222,6 +235,25 @@ EventKind = Literal[
 ]
 
 
+Level = Literal["info", "warn", "error"]
+_LEVELS: dict[EventKind, Level] = {
+    "fault": "warn",
+    "fault-failed": "error",
+    "world-resumed": "warn",
+    "robot-missing": "error",
+    "robot-lost": "warn",
+    "robot-hung": "warn",
+    "collision": "error",
+    "message-rejected": "warn",
+    "recording": "error",
+}
+
+
+def level_of(kind: EventKind) -> Level:
+    """How bad it is."""
+    return _LEVELS.get(kind, "info")
+
+
 class Event(msgspec.Struct, frozen=True, array_like=True):
     """Something worth telling a person, and replay.
 
@@ -258,6 +290,11 @@ class RobotStatus(msgspec.Struct, frozen=True):
     error_m: float | None
     reason: str = ""  # why it says FAILED
     restarts: int = 0
+    heard: int = 0  # peers whose beacons were in its newest frame
+    yields_to: str = ""
+    commands_per_s: float = 0.0  # wall, since the status before
+    command_age_s: float | None = None  # wall, since its newest command; None before the first
+    unanswered: int = 0  # ticks from the newest frame that it answered to the newest it was sent
 
 
 class Status(msgspec.Struct, frozen=True):
@@ -268,11 +305,13 @@ class Status(msgspec.Struct, frozen=True):
     tick: Tick
     stamp_ns: Stamp
     clock: Literal["lockstep", "realtime"]
-    state: Literal["starting", "running", "ended"]
+    state: Literal["starting", "running", "paused", "ended"]
     duration_s: float  # simulation time at which the run times out
-    real_time_factor: float
+    real_time_factor: float  # over all of it, pauses left out
     robots: tuple[RobotStatus, ...]
     rejected_messages: int = 0
+    rate: float = 0.0  # x real time that is kept to; 0: as fast as it goes
+    real_time_factor_now: float = 0.0  # since the status before
 
 
 class ScenarioRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -338,6 +377,12 @@ class FrameRecord(msgspec.Struct, frozen=True, array_like=True):
     contact: bool
     ranges: Array
     heard: Array  # (beacons, 2) int32: row of the speaker, tick of its beacon
+
+    def __post_init__(self) -> None:
+        if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:
+            raise ValueError(f"expected ranges as (beams,) of <f4, got {self.ranges.dtype}")
+        if self.heard.dtype != "<i4" or self.heard.shape[1:] != (2,):
+            raise ValueError(f"expected heard as (beacons, 2) of <i4, got {self.heard.shape}")
 
 
 class TickRecord(msgspec.Struct, frozen=True, array_like=True):

@@ -9,5 +9,6 @@ faults       what is wrong on purpose: which faults are active, what they do to 
 sensors      lidars that fail
 radio        who hears whom, and what of it, how late
 simulation   the whole world, one tick: pure
+pulse        how fast answers come in, for people who watch
 process      the shell: keeps the pace, moves the messages, records
 """

@@ -179,7 +179,7 @@ class _Conductor:
             struck = False
             if changed or run.tick >= self._saved_tick + self._checkpoint_ticks:
                 self._save()
-            frames = simulation.sense(run.world, run.state)
+            frames = desk.frames = simulation.sense(run.world, run.state)
             for frame in frames:
                 bus.publish(FRAME, frame, frame.robot)
                 run.change(frame.robot, sent_tick=frame.tick)
@@ -319,6 +319,7 @@ class _Conductor:
                     # it, or its answer, may have gone down with the link
                     self._bus.publish(FRAME, frame, frame.robot)
             attendance.notice_losses()
+            self._desk.publish()
             waiting = self._waiting()
             if self._now() >= deadline_s:
                 if self._stop.reason is not None:
@@ -357,6 +358,7 @@ class _Conductor:
                 self._refuse("command for a frame that has been answered")
         else:
             self._run.commands_total += 1
+            self._desk.pulse.beat(name, self._now())
             late = member.late_commands + (command.tick < tick and member.is_present)
             self._run.change(name, answered_tick=command.tick, late_commands=late)
             self._arrived.append(command)

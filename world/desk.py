@@ -7,7 +7,7 @@ asked for where the run takes it up at its next tick.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import msgspec
@@ -16,7 +16,16 @@ from swarm import errors, faults, lifetime, messages, metrics
 from swarm import scenario as scenarios
 from swarm.bus import Bus
 from swarm.faults import Fault
-from swarm.messages import STATUS, ControlRequest, Reply, RobotStatus, ScenarioRequest, Status
+from swarm.messages import (
+    STATUS,
+    ControlRequest,
+    Reply,
+    RobotStatus,
+    ScenarioRequest,
+    SensorFrame,
+    Status,
+)
+from world.pulse import Pulse
 from world.situation import Situation
 
 STATUS_PERIOD_S = 0.5  # wall
@@ -47,6 +56,8 @@ class Desk:
         self._on_status = on_status
         self._now = now
         self._wall_s = wall_s
+        self.frames: Sequence[SensorFrame] = ()  # of this tick
+        self.pulse = Pulse()
         self._asked: deque[Fault] = deque()
         self._due_s = 0.0
 
@@ -64,6 +75,7 @@ class Desk:
         """Tell the status, if it is time to."""
         if self._now() >= self._due_s:
             self._due_s = self._now() + STATUS_PERIOD_S
+            self.pulse.measure(self._now(), self._run.tick)
             status = self._status()
             self._bus.publish(STATUS, status)
             self._on_status(status)
@@ -109,7 +121,8 @@ class Desk:
 
     def _status(self) -> Status:
         run, scenario = self._run, self._run.scenario
-        wall_s = self._wall_s()
+        wall_s, now_s, pulse = self._wall_s(), self._now(), self.pulse
+        heard = {frame.robot: len(frame.beacons) for frame in self.frames}
         rows = []
         for body, (name, member) in zip(run.state.bodies, run.members.items(), strict=True):
             beacon = body.beacon
@@ -125,6 +138,11 @@ class Desk:
                     error_m=metrics.formation_error_now(self.score, name),
                     reason=beacon.reason if beacon else "",
                     restarts=member.restarts,
+                    heard=heard.get(name, 0),
+                    yields_to=(beacon and beacon.yields_to) or "",
+                    commands_per_s=pulse.rate(name),
+                    command_age_s=pulse.age_s(name, now_s),
+                    unanswered=max(0, member.sent_tick - member.answered_tick),
                 )
             )
         return Status(
@@ -138,4 +156,6 @@ class Desk:
             real_time_factor=run.tick * scenario.dt_s / wall_s if wall_s > 0.0 else 0.0,
             robots=tuple(rows),
             rejected_messages=sum(self._bus.rejected().values()),
+            rate=scenario.clock.rate,
+            real_time_factor_now=pulse.ticks_per_s * scenario.dt_s,
         )

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 
-from swarm import errors, lifetime, metrics, recording, runs, scenario, zenoh_bus
+from swarm import errors, lifetime, log, messages, metrics, recording, runs, scenario, zenoh_bus
 from swarm.bus import Bus
 from swarm.messages import Status, TickRecord
 from world import checkpoint, conductor
@@ -43,7 +42,7 @@ def main(arguments: Arguments) -> int:
     try:
         bus = _open_bus(arguments)
     except errors.SwarmError as error:
-        print(f"swarm-world: {error}", file=sys.stderr, flush=True)
+        log.say("world", str(error), level="error")
         return PORT_TAKEN if "in use" in str(error) else error.exit_code
     lifetime.heed_signals(stop)
     try:
@@ -60,11 +59,11 @@ def main(arguments: Arguments) -> int:
             supervised=arguments.supervisor_pid is not None,
         )
     except errors.SwarmError as error:
-        print(f"swarm-world: {error}", file=sys.stderr, flush=True)
+        log.say("world", str(error), level="error")
         return error.exit_code
     finally:
         bus.close()
-    print(f"swarm-world: {summary.outcome}: {stop.reason or 'ended'}", file=sys.stderr, flush=True)
+    log.say("world", f"{summary.outcome}: {stop.reason or 'ended'}")
     return 0
 
 
@@ -150,7 +149,7 @@ def record_run(
     (folder / checkpoint.FILE_NAME).unlink(missing_ok=True)
     text = msgspec.json.format(msgspec.json.encode(summary))
     if (problem := runs.write_whole(folder / runs.SUMMARY, text)) is not None:
-        print(f"swarm-world: {problem}", file=sys.stderr, flush=True)
+        log.say("world", problem, level="error")
     return summary
 
 
@@ -169,5 +168,5 @@ def _kept(folder: Path) -> checkpoint.Checkpoint | None:
 def _say_events(record: TickRecord) -> None:
     for event in record.events:
         who = f" {event.robot}" if event.robot else ""
-        text = f"swarm-world: tick {event.tick}: {event.kind}{who}: {event.text}"
-        print(text, file=sys.stderr, flush=True)
+        text = f"{event.kind}{who}: {event.text}"
+        log.say("world", text, level=messages.level_of(event.kind), tick=event.tick)

@@ -8,12 +8,11 @@ TickRecord --> recording.Writer --> run.mcap
 from __future__ import annotations
 
 import importlib.metadata
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 from dashboards import bridge, foxglove, live
-from swarm import metrics, recording, runs
+from swarm import log, metrics, recording, runs
 from swarm.bus import Bus
 from swarm.messages import EVENT, Event, TickRecord
 from swarm.scenario import Scenario
@@ -128,8 +127,8 @@ class Watchers:
         if text in self._said:
             return
         self._said.add(text)
-        print(f"swarm-world: recording: {text}", file=sys.stderr, flush=True)
         tick, stamp_ns = (self._last.tick, self._last.stamp_ns) if self._last else (0, 0)
+        log.say("world", f"recording: {text}", level="error", tick=tick)
         self._bus.publish(EVENT, Event(tick, stamp_ns, "recording", None, text))
 
 

@@ -21,23 +21,24 @@ from pathlib import Path
 import msgspec
 import psutil
 
+from swarm import log
+
 # the first brings numpy, zenoh, msgspec, agents and world, the last freezes what is there
 PRELOAD = ["swarm.run.supervisor", "swarm.run.preload"]
 CODE_S = 1.0  # after a death the forkserver tells how, within microseconds; then nobody knows
 CODE_UNKNOWN = 255  # the forkserver was killed
-TAIL_BYTES = 4096  # of a log, for its last line
 
 
 class Child:
     """One live or dead process; `close` it once it is gone."""
 
     def __init__(
-        self, name: str, main: Callable[..., int], arguments: msgspec.Struct, log: Path
+        self, name: str, main: Callable[..., int], arguments: msgspec.Struct, log_path: Path
     ) -> None:
         """Start it; raises OSError when that cannot be. Only the main thread may."""
         self.name = name
-        self.log = log
-        self._log_begins = log.stat().st_size if log.exists() else 0
+        self.log = log_path
+        self._log_begins = log_path.stat().st_size if log_path.exists() else 0
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(PRELOAD)
         with without_main():
@@ -46,20 +47,15 @@ class Child:
             )
             self._process.start()
         self.pid = self._process.pid or 0
-        self._handle: int | None = None
+        self.handle: int | None = None  # a pidfd: readable once the process is gone
         with contextlib.suppress(ProcessLookupError):  # it has come and gone
-            self._handle = os.pidfd_open(self.pid)
+            self.handle = os.pidfd_open(self.pid)
         self._code: int | None = None
-
-    def fileno(self) -> int:
-        """Readable once the process is gone."""
-        assert self._handle is not None
-        return self._handle
 
     def exit_code(self) -> int | None:
         """How it ended, None while it lives."""
         if self._code is None and (
-            self._handle is None or select.select([self._handle], [], [], 0.0)[0]
+            self.handle is None or select.select([self.handle], [], [], 0.0)[0]
         ):
             self._process.join(CODE_S)
             code = self._process.exitcode
@@ -68,9 +64,9 @@ class Child:
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal; nothing happens when it is gone."""
-        if self._handle is not None:
+        if self.handle is not None:
             with contextlib.suppress(ProcessLookupError):
-                signal.pidfd_send_signal(self._handle, number)
+                signal.pidfd_send_signal(self.handle, number)
 
     def is_stopped(self) -> bool:
         """Whether SIGSTOP holds it."""
@@ -83,7 +79,7 @@ class Child:
             return False
 
     def last_words(self) -> str:
-        """How it ended, and the last line that it wrote."""
+        """How it ended, and what its log says of that."""
         code = self.exit_code()
         how = (
             "still runs"
@@ -92,24 +88,15 @@ class Child:
             if code < 0
             else f"ended with exit code {code}"
         )
-        line = "" if code == -signal.SIGKILL else self._last_line()  # which it never saw coming
+        # a killed one never saw it coming
+        line = "" if code == -signal.SIGKILL else log.last_words(self.log, self._log_begins)
         return f"{how}: {line}" if line else how
-
-    def _last_line(self) -> str:
-        try:
-            with self.log.open("rb") as log:
-                end = log.seek(0, os.SEEK_END)
-                log.seek(max(self._log_begins, end - TAIL_BYTES))
-                lines = log.read(TAIL_BYTES).decode(errors="replace").splitlines()
-        except OSError:
-            return ""
-        return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
     def close(self) -> None:
         """Let go of what the kernel and multiprocessing keep of one that is gone."""
-        if self._handle is not None:
-            os.close(self._handle)
-            self._handle = None
+        if self.handle is not None:
+            os.close(self.handle)
+            self.handle = None
         with contextlib.suppress(ValueError):  # it lives after all
             self._process.close()
 
@@ -122,7 +109,12 @@ def _signal_name(number: int) -> str:
 
 
 def _exit_with(main: Callable[[msgspec.Struct], int], arguments: msgspec.Struct) -> None:
-    sys.exit(main(arguments))
+    try:
+        code = main(arguments)
+    except Exception as error:
+        log.crash(error)
+        code = 1
+    sys.exit(code)
 
 
 @contextlib.contextmanager

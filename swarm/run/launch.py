@@ -15,7 +15,7 @@ import msgspec
 
 from swarm import errors, lifetime, messages, metrics, recording, runs
 from swarm import scenario as scenarios
-from swarm.run import supervisor
+from swarm.run import journal, supervisor
 
 ENDPOINT = re.compile(r"^[a-z0-9-]+/[^\s/][^\s]*:[0-9]{1,5}\Z")
 
@@ -33,6 +33,7 @@ def conduct(
     order: supervisor.Plan, bus: Literal["zenoh", "memory"], watcher: supervisor.Watcher
 ) -> Conducted:
     """Carry out a run to its end."""
+    watcher = journal.Journal(watcher, order.folder)
     if bus == "memory":
         return _run_in_memory(order, watcher)
     ending = supervisor.supervise(order, watcher)
@@ -82,9 +83,14 @@ def check_flags(
             )
 
 
+def has_display() -> bool:
+    """Whether a window can be opened."""
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 def check_display(view: str) -> None:
     """Raise UsageError when a window is asked for where there is no screen."""
-    if view == "native" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if view == "native" and not has_display():
         raise errors.UsageError(
             "--view native: expected a display (DISPLAY or WAYLAND_DISPLAY), got none; "
             "use --view web, or open run.rrd on a machine that has one"

@@ -16,7 +16,7 @@ import msgspec
 from swarm import errors, geometry, recording, scenario
 from swarm.geometry import Pose, Twist, Vec2
 from swarm.messages import Beacon, Command, Event, FrameRecord, Leadership, Slot, TickRecord
-from swarm.run.replay import Beacons, history_ticks
+from swarm.run.replay import Beacons, history_ticks, misfit
 from swarm.scenario import Scenario
 
 AROUND_S = 2.0  # events so near in time are told
@@ -118,6 +118,8 @@ class Why(msgspec.Struct, frozen=True, kw_only=True):
     claim: tuple[int, ...]
     yields_to: str | None
     leadership: Leadership | None
+    leader_age_s: float | None  # since the leader's newest sign of life, whoever passed it on
+    fit: bool  # whether it would lead
     heard: tuple[Heard, ...]
     unheard: tuple[str, ...]  # peers that lived, and of which nothing came
     # What it did.
@@ -178,6 +180,8 @@ def _find(source: recording.Recording, plan: Scenario, name: str, tick: int, whe
             record.tick > tick + around and moment is not None and moment.command is not None
         ):
             break
+        if problem := misfit(plan, record):
+            raise errors.RecordingError(f"{where}: tick {record.tick}: {problem}")
         last = record.tick
         near = [event for event in record.events if abs(event.tick - tick) <= around]
         if record.tick <= tick:
@@ -293,6 +297,10 @@ def _why(plan: Scenario, moment: _Moment, frame: FrameRecord, name: str) -> Why:
         claim=claim,
         yields_to=None if beacon is None else beacon.yields_to,
         leadership=None if beacon is None else beacon.leadership,
+        leader_age_s=None
+        if beacon is None or beacon.leader_tick is None
+        else (record.tick - beacon.leader_tick) * plan.dt_s,
+        fit=beacon is not None and beacon.fit,
         heard=heard,
         unheard=tuple(
             robot.name

@@ -137,7 +137,7 @@ def test_body_points_its_nose_where_the_robot_looks(
     from_centre_m = np.linalg.norm(points["position"][:, :2] - [1.0, 2.0], axis=1)
     assert from_centre_m[:16] == pytest.approx(0.22)
     assert points["position"][-1][:2] == pytest.approx([1.0, 2.22])
-    assert int.from_bytes(points["colour"][0].tobytes(), "big") == stage.LEADER
+    assert int.from_bytes(points["colour"][0].tobytes(), "big") == 0xFFE08AFF
 
 
 def test_bodies_that_stopped_for_good_turn_red(

@@ -317,7 +317,7 @@ def test_batches_do_not_change_what_is_drawn(
 def test_colours_of_robots_differ_and_are_light(made_scenario: MakeScenario) -> None:
     colours = stage.colours(made_scenario(12))
     assert len(set(colours.tolist())) == 12
-    assert colours[0] == stage.LEADER
+    assert colours[0] == 0xFFE08AFF
     for colour in colours.tolist():
         assert max(colour >> shift & 0xFF for shift in (24, 16, 8)) >= 0xE0
         assert colour & 0xFF == 0xFF

@@ -32,7 +32,7 @@ def card(folder: Path) -> Iterator[runs.Card]:
 
     def found() -> bool:
         cards[:] = [card for card in runs.running() if Path(card.folder).parent == folder]
-        return bool(cards) and live._status(cards[0]).tick > 2
+        return bool(cards) and live.status_of(cards[0]).tick > 2
 
     processes.until(found, 30.0, "ticks")
     yield cards[0]
@@ -41,7 +41,7 @@ def card(folder: Path) -> Iterator[runs.Card]:
 
 
 def states(card: runs.Card) -> dict[str, str]:
-    return {row.name: row.state for row in live._status(card).robots}
+    return {row.name: row.state for row in live.status_of(card).robots}
 
 
 def test_kill_restart_and_fault_strike(here: Here, card: runs.Card) -> None:
@@ -52,7 +52,7 @@ def test_kill_restart_and_fault_strike(here: Here, card: runs.Card) -> None:
     assert here(f"fault hang:robot1+0.5 --run {card.run}").returncode == 0
 
     def is_done() -> bool:
-        rows = {row.name: row for row in live._status(card).robots}
+        rows = {row.name: row for row in live.status_of(card).robots}
         back = rows["robot3"].restarts == 1 and rows["robot3"].state == "running"
         return back and rows["robot5"].state == "killed" and rows["robot1"].state == "running"
 
@@ -77,7 +77,7 @@ def test_what_is_not_there_is_a_usage_error(
     )
     told = messages.Status("one", "", 1, 0, "lockstep", "running", 1.0, 1.0, rows)
     monkeypatch.setattr(live, "pick", lambda _: runs.Card("one", "", 1, 0.0, "", ""))
-    monkeypatch.setattr(live, "_status", lambda _: told)
+    monkeypatch.setattr(live, "status_of", lambda _: told)
     done = here(line)
     assert done.returncode == 2
     for word in words:
@@ -116,7 +116,7 @@ def test_stop_names_the_supervisor_that_is_stopped(
 def test_kill_world_reaches_one_that_is_stopped_and_another_takes_its_place(
     here: Here, folder: Path, card: runs.Card
 ) -> None:
-    before = live._status(card).tick
+    before = live.status_of(card).tick
     (world,) = processes.named(folder, "swarm-world")
     world.suspend()
     done = here(f"kill world --run {card.run}")
@@ -125,7 +125,7 @@ def test_kill_world_reaches_one_that_is_stopped_and_another_takes_its_place(
 
     def goes_on() -> bool:
         try:
-            status = live._status(card)
+            status = live.status_of(card)
         except errors.BusError:
             return False
         return status.state == "running" and status.tick > before

@@ -2,11 +2,13 @@
 
     running     run, scenarios, validate           options   what verbs share
     live        status, stop, kill, restart, fault
+    watch       top, logs
     recordings  verify, replay, diff, why
     results     report, export
     hand        world, robot, version
     measure     bench, reproduce
     breaking    chaos
+    own         doctor, view, new
 
 0  it worked      1  the run failed, or a threshold was broken
 2  a flag, a name or a file is wrong      130  interrupted
@@ -23,7 +25,7 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import breaking, hand, live, measure, recordings, results, running
+from swarm.run.cli import breaking, hand, live, measure, own, recordings, results, running, watch
 
 app = typer.Typer(
     name="swarm",
@@ -43,6 +45,8 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "validate": running.validate,
     "run": running.run,
     "status": live.status,
+    "top": watch.top,
+    "logs": watch.logs,
     "stop": live.stop,
     "kill": live.kill,
     "restart": live.restart,
@@ -58,6 +62,9 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "bench": measure.bench,
     "reproduce": measure.reproduce,
     "chaos": breaking.chaos,
+    "view": own.view,
+    "new": own.new,
+    "doctor": own.doctor,
     "version": hand.version,
 }
 for name, verb in VERBS.items():

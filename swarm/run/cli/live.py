@@ -17,7 +17,7 @@ from typer import Argument
 
 from swarm import errors, runs, scenario, zenoh_bus
 from swarm.messages import CONTROL, ControlRequest, Reply, Status
-from swarm.run import front, processes
+from swarm.run import census, front, processes
 from swarm.run.cli import options
 
 WORLD = "world"
@@ -37,23 +37,28 @@ def pick(run_id: str | None) -> runs.Card:
     matching = exact or [card for card in cards if card.run.startswith(run_id or "")]
     if len(matching) == 1:
         return matching[0]
-    known = ", ".join(card.run for card in cards) or "none"
+    names = ", ".join(card.run for card in cards) or "none"
     if not matching:
         wanted = f"the run '{run_id}'" if run_id else "a running swarm"
-        raise errors.SwarmError(f"expected {wanted}, got: {known}")
-    raise errors.UsageError(f"expected --run with one of the swarms that run: {known}")
+        raise errors.SwarmError(f"expected {wanted}, got: {names}")
+    raise errors.UsageError(f"expected --run with one of the swarms that run: {names}")
 
 
-def _ask(card: runs.Card, request: ControlRequest) -> Reply:
+def connect(card: runs.Card) -> zenoh_bus.ZenohBus:
+    """The bus of a running swarm; raises BusError."""
+    return zenoh_bus.open_client(
+        card.run,
+        card.endpoint,
+        name="supervisor",
+        tls=Path(card.tls) if card.tls else None,
+        connect_timeout_s=ASK_TIMEOUT_S,
+    )
+
+
+def ask(card: runs.Card, request: ControlRequest) -> Reply:
     """What the world says; raises BusError that tells what holds it up when it says nothing."""
     try:
-        bus = zenoh_bus.open_client(
-            card.run,
-            card.endpoint,
-            name="supervisor",
-            tls=Path(card.tls) if card.tls else None,
-            connect_timeout_s=ASK_TIMEOUT_S,
-        )
+        bus = connect(card)
         try:
             return bus.ask(CONTROL, request, ASK_TIMEOUT_S)
         finally:
@@ -65,8 +70,9 @@ def _ask(card: runs.Card, request: ControlRequest) -> Reply:
         ) from error
 
 
-def _status(card: runs.Card) -> Status:
-    reply = _ask(card, ControlRequest("status"))
+def status_of(card: runs.Card) -> Status:
+    """The world's own account of the run."""
+    reply = ask(card, ControlRequest("status"))
     try:
         return msgspec.msgpack.decode(reply.body, type=Status)
     except msgspec.DecodeError as error:
@@ -74,26 +80,32 @@ def _status(card: runs.Card) -> Status:
 
 
 def status(run_id: options.RunId = None, as_json: options.Json = False) -> None:
-    """Show the swarms that run now. Exit code 1 when there is none.
+    """Show the swarms that run now. Exit code 1 when none of them answers, or there is none.
+
+    `--json` has for each its card, the world's own account (null, with a problem, when it does not
+    answer), and a row for every process, as in `swarm top`.
 
     Example:  swarm status --json
     """
     cards = runs.running() if run_id is None else [pick(run_id)]
     if not cards and not as_json:
         raise errors.SwarmError("expected a running swarm, got none")
-    rows = []
+    found = []
     for card in cards:
+        answer, problem = None, None
         try:
-            rows.append((card, _status(card)))
+            answer = status_of(card)
         except errors.SwarmError as error:
-            front.say(f"swarm: {error}")
-    if as_json:
-        options.print_json({"runs": [{"card": card, "status": answer} for card, answer in rows]})
-    else:
-        for card, answer in rows:
+            problem = str(error)
+            front.say(f"swarm: {problem}")
+        people = census.Census(card).take(answer) if as_json else []
+        found.append({"card": card, "status": answer, "processes": people, "problem": problem})
+        if answer is not None and not as_json:
             print(f"{card.run}  pid {card.pid}  {card.endpoint}  {card.folder}")
             front.show_status(answer)
-    if not rows:
+    if as_json:
+        options.print_json({"runs": found})
+    if all(row["status"] is None for row in found):
         raise typer.Exit(1)
 
 
@@ -105,7 +117,7 @@ def stop(run_id: options.RunId = None, as_json: options.Json = False) -> None:
     card = pick(run_id)
     everyone = processes.of(card)
     try:
-        _ask(card, ControlRequest("stop"))
+        ask(card, ControlRequest("stop"))
     except errors.SwarmError as error:  # its supervisor ends it, whatever the world does
         front.say(f"swarm: {error}")
         with contextlib.suppress(ProcessLookupError):
@@ -132,7 +144,7 @@ def kill(name: Victim, run_id: options.RunId = None, as_json: options.Json = Fal
     if name == WORLD:
         _answer(card, _kill_world(card), as_json)
     else:
-        _strike(card, f"kill:{_known(card, name, more=(WORLD,))}", as_json)
+        _strike(card, f"kill:{known(card, name, more=(WORLD,))}", as_json)
 
 
 def restart(name: Name, run_id: options.RunId = None, as_json: options.Json = False) -> None:
@@ -141,7 +153,7 @@ def restart(name: Name, run_id: options.RunId = None, as_json: options.Json = Fa
     Example:  swarm restart robot3
     """
     card = pick(run_id)
-    _strike(card, f"restart:{_known(card, name)}", as_json)
+    _strike(card, f"restart:{known(card, name)}", as_json)
 
 
 def fault(spec: Spec, run_id: options.RunId = None, as_json: options.Json = False) -> None:
@@ -152,14 +164,14 @@ def fault(spec: Spec, run_id: options.RunId = None, as_json: options.Json = Fals
     Example:  swarm fault loss:all@20+5,probability=0.3
     """
     card = pick(run_id)
-    names = [row.name for row in _status(card).robots]
+    names = [row.name for row in status_of(card).robots]
     scenario.fault(spec, at_s=0.0, names=names)  # raises what is wrong with it
     _strike(card, spec, as_json)
 
 
-def _known(card: runs.Card, name: str, more: Sequence[str] = ()) -> str:
+def known(card: runs.Card, name: str, more: Sequence[str] = ()) -> str:
     """The name, if the run has such a robot; raises UsageError."""
-    names = [*(row.name for row in _status(card).robots), *more]
+    names = [*(row.name for row in status_of(card).robots), *more]
     if name in names:
         return name
     near = difflib.get_close_matches(name, names, n=1)
@@ -168,7 +180,7 @@ def _known(card: runs.Card, name: str, more: Sequence[str] = ()) -> str:
 
 
 def _strike(card: runs.Card, spec: str, as_json: bool) -> None:
-    reply = _ask(card, ControlRequest("fault", spec))
+    reply = ask(card, ControlRequest("fault", spec))
     if not reply.ok:
         raise errors.SwarmError(f"{card.run}: {reply.text}")
     _answer(card, reply.text, as_json)
