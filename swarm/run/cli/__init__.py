@@ -4,6 +4,7 @@
     live        status, stop, kill, restart, fault
     watch       top, logs
     recordings  verify, replay, diff, why
+    results     report, export
     hand        world, robot, version
     measure     bench, reproduce
     breaking    chaos
@@ -24,7 +25,7 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import breaking, hand, live, measure, own, recordings, running, watch
+from swarm.run.cli import breaking, hand, live, measure, own, recordings, results, running, watch
 
 app = typer.Typer(
     name="swarm",
@@ -54,6 +55,8 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "replay": recordings.replay_,
     "diff": recordings.diff,
     "why": recordings.why_,
+    "report": results.report,
+    "export": results.export_,
     "world": hand.world_,
     "robot": hand.robot_,
     "bench": measure.bench,
