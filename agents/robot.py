@@ -53,6 +53,8 @@ WAITING_S_MAX = 20.0
 # Near a body that was a robot, this margin has to do.
 SQUEEZE_M = 2.5
 SQUEEZE_MARGIN_M = 0.06
+# A follower that does not hear a leader that lives goes after it when that has lasted for so long.
+GO_AFTER_S = 2.0
 
 
 class State(msgspec.Struct, frozen=True):
@@ -75,6 +77,7 @@ class State(msgspec.Struct, frozen=True):
     waited_s: float = 0.0  # of a leader: slowed down for one that lags
     seeking: seek.State = seek.State()
     following: follow.State = follow.State()
+    unheard_s: float = 0.0  # of a follower: its leader lives, but is out of earshot
     waiting: priority.State = priority.State()
     health: health.State = health.State()
     lateness: lateness.State = lateness.State()
@@ -342,9 +345,7 @@ def decide(
     if role == "follower":
         leader = leader_of(state, others)
         if leader is None or state.slot is None:
-            tracking = pid.reset(state.following.tracking)
-            following = replace(state.following, tracking=tracking, rest_s=0.0)
-            return replace(state, following=following), Wish(mode="HOLD")
+            return lose_touch(setup, state, frame, map, others, elapsed_s)
         if leader.beacon.reason in ("enclosed", "too-long"):
             return state, Wish(mode="FAILED", reason="leader")
         following, wish = follow.step(
@@ -363,7 +364,7 @@ def decide(
             waiting=is_held_up(state),
             elapsed_s=elapsed_s,
         )
-        return replace(state, following=following), wish
+        return replace(state, following=following, unheard_s=0.0), wish
     if setup.robot.goal is None:
         return state, Wish(mode="HOLD")
     seeking, wish = seek.step(
@@ -378,6 +379,44 @@ def decide(
         elapsed_s=elapsed_s,
     )
     return replace(state, seeking=seeking), wish
+
+
+def lose_touch(
+    setup: RobotSetup,
+    state: State,
+    frame: SensorFrame,
+    map: msam.Map,
+    others: list[Peer],
+    elapsed_s: float,
+) -> tuple[State, Wish]:
+    """A follower that does not hear its leader: it holds, and after a while it goes after it.
+
+    Others pass on that the leader lives, so it is out of earshot, on its way to the goal that the
+    follower knows, or there: the formation went on without one that was held up for long.
+    """
+    replace = msgspec.structs.replace
+    tracking = pid.reset(state.following.tracking)
+    state = replace(state, following=replace(state.following, tracking=tracking, rest_s=0.0))
+    lives = election.is_followed(state.election, patience_ticks(setup))
+    if not lives or state.mission is None or state.mission.goal is None:
+        return replace(state, unheard_s=0.0), Wish(mode="HOLD")
+    unheard_s = state.unheard_s + elapsed_s
+    if unheard_s <= GO_AFTER_S:
+        return replace(state, unheard_s=unheard_s, seeking=seek.State()), Wish(mode="HOLD")
+    seeking, wish = seek.step(
+        mission.bound_for(setup, state.mission, state.seeking.rotation.stalled_s),
+        state.seeking,
+        frame.pose,
+        map,
+        others,
+        speed_mps=setup.robot.cruise_speed_mps,
+        extended=setup.robot.controller == "extended",
+        waiting=is_held_up(state),
+        elapsed_s=elapsed_s,
+    )
+    if wish.mode in ("ARRIVED", "FAILED"):
+        wish = Wish(mode="HOLD")
+    return replace(state, unheard_s=unheard_s, seeking=seeking), wish
 
 
 def lead(
