@@ -14,8 +14,9 @@ from typing import Literal
 
 import msgspec
 
-from agents import field, formation, msam, pid, steering
+from agents import field, formation, msam, pid, steering, stray
 from agents.peers import Peer, safe_distance
+from agents.priority import Claim
 from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import Pose, Twist, Vec2, wrap_angle
@@ -37,8 +38,16 @@ BACKWARD_FROM_M = 1.5
 LOOK_BEYOND_M = 0.9
 LOOK_M_MIN = 0.6
 LOOK_M_MAX = 1.8
+# how near it is in its leader's way, and how fast it gets out of it,
+AHEAD_OF_LEADER_M = 1.2
+BESIDE_LEADER_M = 0.6
+MAKE_WAY_MPS = 0.4
 # and the speed from which on the attraction has its full size.
 ATTRACTION_FULL_MPS = 0.3
+# Once the leader has arrived a follower this near goes straight into its slot, with this margin.
+PARK_FROM_M = 1.5
+PARK_MARGIN_M = 0.1
+PARKED_M = 0.03
 # Arrived: in its slot and this slow for so long.
 REST_SPEED_MPS = 0.05
 REST_S = 1.0
@@ -54,6 +63,7 @@ class State(msgspec.Struct, frozen=True):
     rest_s: float = 0.0
     late_s: float = 0.0  # since the leader arrived, without rest in the slot
     tracking: pid.State = pid.State()
+    astray: stray.State = stray.State()
 
 
 class Goal(msgspec.Struct, frozen=True):
@@ -92,49 +102,78 @@ def step(
     map: msam.Map,
     others: list[Peer],
     goal: Goal,
+    slot: Slot,
+    claim: Claim,
     *,
+    held_by: str,
     extended: bool,
     frozen: bool,
+    waiting: bool,
     elapsed_s: float,
 ) -> tuple[State, Wish]:
     """One tick of a follower that hears its leader.
 
     Args:
         others: peers to keep apart from.
+        claim: own one.
+        held_by: peer that let it not move in the tick before, "" when there is none.
         frozen: the set-point of the tick before was not the one asked for, or it gave way.
+        waiting: it gave way in the tick before.
     """
-    slot = setup.slot
-    assert slot is not None
     assert setup.formation is not None
     bearing_rad = switch_bearing(setup, state, pose, map, goal, slot)
     bearing_now_rad = formation.slew_bearing(
         setup.formation, state.bearing_now_rad, bearing_rad, elapsed_s
     )
-    mode, clear_s = switch_mode(setup, state, map, others, bearing_rad, elapsed_s)
     nominal = formation.waypoint(goal.leader, goal.heading_rad, slot.distance_m, slot.bearing_rad)
     away_m = geometry.length(nominal[0] - pose.x_m, nominal[1] - pose.y_m)
+    changed_rad = abs(wrap_angle(bearing_rad - slot.bearing_rad))
+    parks = goal.arrived and away_m < PARK_FROM_M and can_park(setup, map, pose, nominal)
+    mode, clear_s = switch_mode(
+        setup, state, None if parks else map, others, 0.0 if parks else changed_rad, elapsed_s
+    )
     rests = (
         goal.arrived
         and away_m < setup.formation.tolerance_m
         and abs(twist.speed_mps) < REST_SPEED_MPS
     )
     rest_s = state.rest_s + elapsed_s if rests else 0.0
+    point = formation.waypoint(goal.leader, goal.heading_rad, slot.distance_m, bearing_now_rad)
+    astray, own = stray.back_off(setup, state.astray, pose, map, others, claim, held_by, elapsed_s)
+    if own is None:
+        astray, own = stray.step(
+            setup,
+            astray,
+            pose,
+            map,
+            others,
+            point,
+            extended=extended,
+            waiting=waiting,
+            elapsed_s=elapsed_s,
+        )
     tracking = state.tracking
-    direction_rad = state.direction_rad
-    if mode == "FORM":
+    direction_rad = None
+    if own is not None:
+        mode, wish = "AVOID", own
+    elif mode == "AVOID":
+        wish = avoid(setup, state, pose, map, others, goal, point, extended)
+        direction_rad = atan2(wish.forces.attractive[1], wish.forces.attractive[0])
+    elif parks and is_skew(setup, pose, goal):
+        tracking = pid.reset(tracking)
+        wish = park(setup, pose, nominal, away_m)
+    else:
         if state.mode != "FORM":
             tracking = pid.reset(tracking)
         tracking, wish = track(setup, tracking, pose, goal, slot, nominal, frozen)
-        direction_rad = None
-    else:
-        wish = avoid(setup, state, pose, map, others, goal, bearing_now_rad, extended)
-        direction_rad = atan2(wish.forces.attractive[1], wish.forces.attractive[0])
     late_s = state.late_s + elapsed_s if goal.arrived and not rests else 0.0
     if rest_s >= REST_S:
         wish = msgspec.structs.replace(wish, mode="ARRIVED", arrived=True)
     elif late_s > setup.steering.round_s_max:
         wish = Wish(mode="FAILED", waypoint=nominal, reason="too-long")
-    return State(mode, clear_s, bearing_now_rad, direction_rad, rest_s, late_s, tracking), wish
+    return State(
+        mode, clear_s, bearing_now_rad, direction_rad, rest_s, late_s, tracking, astray
+    ), wish
 
 
 def switch_bearing(
@@ -166,20 +205,24 @@ def switch_bearing(
 def switch_mode(
     setup: RobotSetup,
     state: State,
-    map: msam.Map,
+    map: msam.Map | None,
     others: Iterable[Peer],
-    bearing_rad: float,
+    changed_rad: float,
     elapsed_s: float,
 ) -> tuple[Literal["FORM", "AVOID"], float]:
-    """Mode of this tick and how long nothing has asked for AVOID, in s."""
-    assert setup.slot is not None
+    """Mode of this tick and how long nothing has asked for AVOID, in s.
+
+    Args:
+        map: None where obstacles do not count.
+        changed_rad: from the slot's bearing to the chosen one.
+    """
     assert setup.formation is not None
     margin_m = PEER_MARGIN_M if state.mode == "FORM" else PEER_MARGIN_LEAVE_M
     triggered = (
-        abs(wrap_angle(bearing_rad - setup.slot.bearing_rad)) > BEARING_CHANGE_RAD
-        or map.nearest_m < setup.formation.avoid_around_m
+        changed_rad > BEARING_CHANGE_RAD
+        or (map is not None and map.nearest_m < setup.formation.avoid_around_m)
         or any(peer.distance_m < safe_distance(setup, peer) + margin_m for peer in others)
-        or nearest_ahead(map, setup.formation.avoid_ahead_m)
+        or (map is not None and nearest_ahead(map, setup.formation.avoid_ahead_m))
     )
     if triggered:
         return "AVOID", 0.0
@@ -187,6 +230,55 @@ def switch_mode(
     if state.mode == "AVOID" and clear_s < setup.formation.reform_after_s:
         return "AVOID", clear_s
     return "FORM", clear_s
+
+
+def is_skew(setup: RobotSetup, pose: Pose, goal: Goal) -> bool:
+    """Whether the tracked points may meet while the robot is not in its slot.
+
+    They lie ahead of both axles, so that centres match when headings agree, which they do not
+    after a turn in a narrow place.
+    """
+    skew_rad = wrap_angle(pose.yaw_rad - goal.leader.yaw_rad)
+    return 2.0 * setup.pid.off_axle_m * abs(sin(skew_rad / 2.0)) > PARKED_M
+
+
+def park(setup: RobotSetup, pose: Pose, slot: Vec2, away_m: float) -> Wish:
+    """Straight into a slot that stands, whatever the heading."""
+    if away_m < PARKED_M:
+        return Wish(mode="FORM", waypoint=slot)
+    speed_mps, turn_rate_radps = steering.head(
+        setup.steering,
+        setup.robot,
+        (slot[0] - pose.x_m, slot[1] - pose.y_m),
+        pose.yaw_rad,
+        min(setup.robot.speed_mps_max, setup.steering.approach_gain_1ps * away_m),
+    )
+    return Wish("FORM", speed_mps, turn_rate_radps, waypoint=slot)
+
+
+def can_park(setup: RobotSetup, map: msam.Map, pose: Pose, slot: Vec2) -> bool:
+    """Whether the straight way into a slot that stands is free.
+
+    What is near it, a wall or the body of a robot that was lost, would else push the follower off
+    for good: the field has its rest where forces cancel, not in the slot.
+    """
+    clear_m = setup.robot.body_radius_m + PARK_MARGIN_M
+    x_m, y_m = slot[0] - pose.x_m, slot[1] - pose.y_m
+    away_m = geometry.length(x_m, y_m)
+    if map.nearest_m >= away_m + clear_m:
+        return True
+    ahead, aside = (x_m / away_m, y_m / away_m) if away_m > 0.0 else (1.0, 0.0)
+    cos_yaw, sin_yaw = cos(pose.yaw_rad), sin(pose.yaw_rad)
+    ahead, aside = ahead * cos_yaw + aside * sin_yaw, aside * cos_yaw - ahead * sin_yaw
+    units = msam.layout(len(map.beams_m), len(map.sectors_m)).sector_units
+    for range_m, unit in zip(map.sectors_m, units, strict=True):
+        if range_m < away_m + clear_m:
+            along_m = range_m * (unit[0] * ahead + unit[1] * aside)
+            across_m = range_m * (unit[1] * ahead - unit[0] * aside)
+            beyond_m = along_m - max(0.0, min(away_m, along_m))
+            if across_m * across_m + beyond_m * beyond_m < clear_m * clear_m:
+                return False
+    return True
 
 
 def nearest_ahead(map: msam.Map, reach_m: float) -> bool:
@@ -241,7 +333,7 @@ def avoid(
     map: msam.Map,
     others: Iterable[Peer],
     goal: Goal,
-    bearing_now_rad: float,
+    point: Vec2,
     extended: bool,
 ) -> Wish:
     """AVOID: the field, attracted along the velocity that takes it to its moving way-point.
@@ -249,17 +341,16 @@ def avoid(
     An attraction k_g (way-point - q) as for a goal would be some 5 N against a gap's barrier of
     8 to 17: the follower would stop in front of it.
     """
-    assert setup.slot is not None
     robot = setup.robot
-    point = formation.waypoint(
-        goal.leader, goal.heading_rad, setup.slot.distance_m, bearing_now_rad
-    )
     x_m, y_m = point[0] - pose.x_m, point[1] - pose.y_m
     away_m = geometry.length(x_m, y_m)
     v_x, v_y = slot_velocity(goal, point)
     v_x += CATCH_UP_GAIN_1PS * x_m
     v_y += CATCH_UP_GAIN_1PS * y_m
-    if away_m < BACKWARD_FROM_M:
+    way = out_of_the_way(goal.leader, pose)
+    if way is not None:
+        v_x, v_y = way
+    elif away_m < BACKWARD_FROM_M:
         v_x, v_y = field.without_opposition((v_x, v_y), goal.heading_rad)
     speed_mps = min(robot.speed_mps_max, geometry.length(v_x, v_y))
     wanted_rad = atan2(v_y, v_x) if speed_mps > 0.0 else goal.heading_rad
@@ -291,6 +382,21 @@ def avoid(
         setup.steering, robot, resultant, pose.yaw_rad, speed_mps
     )
     return Wish("AVOID", speed_mps, turn_rate_radps, forces=forces, waypoint=point)
+
+
+def out_of_the_way(leader: Pose, pose: Pose) -> Vec2 | None:
+    """Velocity of a follower right in front of its leader: on ahead and aside, m/s, world.
+
+    A leader never gives way. Elected among its followers it may have one in front of it, in a
+    place too narrow for two, that wants to get past it to its slot.
+    """
+    x_m, y_m = pose.x_m - leader.x_m, pose.y_m - leader.y_m
+    ahead, aside = cos(leader.yaw_rad), sin(leader.yaw_rad)
+    along_m, across_m = x_m * ahead + y_m * aside, y_m * ahead - x_m * aside
+    if not 0.0 < along_m < AHEAD_OF_LEADER_M or abs(across_m) > BESIDE_LEADER_M:
+        return None
+    side = MAKE_WAY_MPS if across_m >= 0.0 else -MAKE_WAY_MPS
+    return (MAKE_WAY_MPS * ahead - side * aside, MAKE_WAY_MPS * aside + side * ahead)
 
 
 def slot_velocity(goal: Goal, point: Vec2) -> Vec2:

@@ -1,6 +1,7 @@
 """What a robot knows of its peers: their newest beacons, moved on to now.
 
     beacons heard --remember--> State.peers --now--> [Peer]
+                                     '--lose--> bodies of those that fell silent
 
 Beacons are a tick old or older, and some are lost: each is extrapolated with its own twist before
 any use, and forgotten once it is older than a bound; its body is then an obstacle like any other.
@@ -15,12 +16,14 @@ import msgspec
 
 from swarm import geometry
 from swarm.geometry import Pose, Vec2
-from swarm.messages import Beacon
+from swarm.messages import Beacon, Name
 from swarm.scenario import RobotSetup
 
 # Nothing in a scenario lies further out or moves faster; beyond, squares would overflow.
 COORDINATE_M_MAX = 1e6
 RATE_MAX = 1e3  # m/s and rad/s
+# Who falls silent was heard a tick before, and comes to rest within about another.
+STOPPING_TICKS = 2
 
 
 class Peer(msgspec.Struct, frozen=True):
@@ -39,6 +42,15 @@ class Peer(msgspec.Struct, frozen=True):
         """m/s, world."""
         speed_mps = self.beacon.twist.speed_mps
         return (speed_mps * cos(self.pose.yaw_rad), speed_mps * sin(self.pose.yaw_rad))
+
+
+class Body(msgspec.Struct, frozen=True):
+    """Where a robot stands that is not heard any more, or says that it cannot move."""
+
+    name: Name
+    x_m: float
+    y_m: float
+    radius_m: float
 
 
 def remember(
@@ -61,6 +73,24 @@ def remember(
     )
 
 
+def lose(
+    bodies: tuple[Body, ...],
+    before: tuple[Beacon, ...],
+    known: tuple[Beacon, ...],
+    dt_s: float,
+) -> tuple[Body, ...]:
+    """Bodies of all that were heard once and are silent now, in order of their names."""
+    heard = {beacon.name for beacon in known}
+    gone = [beacon for beacon in before if beacon.name not in heard]
+    if not gone and not any(body.name in heard for body in bodies):
+        return bodies
+    standing = {body.name: body for body in bodies if body.name not in heard}
+    for beacon in gone:
+        there = geometry.advance(beacon.pose, beacon.twist, STOPPING_TICKS * dt_s)
+        standing[beacon.name] = Body(beacon.name, there.x_m, there.y_m, beacon.body_radius_m)
+    return tuple([standing[name] for name in sorted(standing)])
+
+
 def now(beacons: tuple[Beacon, ...], pose: Pose, tick: int, dt_s: float) -> list[Peer]:
     """Peers at the tick of this robot's frame, as seen from its pose."""
     ahead = cos(pose.yaw_rad)
@@ -69,23 +99,53 @@ def now(beacons: tuple[Beacon, ...], pose: Pose, tick: int, dt_s: float) -> list
     for beacon in beacons:
         age_ticks = tick - beacon.tick
         there = geometry.advance(beacon.pose, beacon.twist, age_ticks * dt_s)
-        dx_m = there.x_m - pose.x_m
-        dy_m = there.y_m - pose.y_m
-        x_m = ahead * dx_m + aside * dy_m
-        y_m = ahead * dy_m - aside * dx_m
-        found.append(
-            Peer(
-                beacon=beacon,
-                pose=there,
-                offset=(dx_m, dy_m),
-                offset_body=(x_m, y_m),
-                distance_m=geometry.length(dx_m, dy_m),
-                bearing_rad=atan2(y_m, x_m),
-                age_s=age_ticks * dt_s,
-                missed_ticks=max(0, age_ticks - 1),
-            )
-        )
+        found.append(_seen(beacon, there, pose, ahead, aside, age_ticks, dt_s))
     return found
+
+
+def halted(others: Iterable[Peer], pose: Pose, dt_s: float) -> list[Peer]:
+    """Those that should have been heard since, where they are if they stopped at once instead."""
+    ahead = cos(pose.yaw_rad)
+    aside = sin(pose.yaw_rad)
+    return [
+        _seen(
+            peer.beacon,
+            geometry.advance(peer.beacon.pose, peer.beacon.twist, dt_s),
+            pose,
+            ahead,
+            aside,
+            peer.missed_ticks + 1,
+            dt_s,
+        )
+        for peer in others
+        if peer.missed_ticks > 0
+    ]
+
+
+def _seen(
+    beacon: Beacon,
+    there: Pose,
+    pose: Pose,
+    ahead: float,
+    aside: float,
+    age_ticks: int,
+    dt_s: float,
+) -> Peer:
+    """A peer at a pose, from a robot at another with that cosine and sine of its heading."""
+    dx_m = there.x_m - pose.x_m
+    dy_m = there.y_m - pose.y_m
+    x_m = ahead * dx_m + aside * dy_m
+    y_m = ahead * dy_m - aside * dx_m
+    return Peer(
+        beacon=beacon,
+        pose=there,
+        offset=(dx_m, dy_m),
+        offset_body=(x_m, y_m),
+        distance_m=geometry.length(dx_m, dy_m),
+        bearing_rad=atan2(y_m, x_m),
+        age_s=age_ticks * dt_s,
+        missed_ticks=max(0, age_ticks - 1),
+    )
 
 
 def safe_distance(setup: RobotSetup, peer: Peer) -> float:
@@ -99,6 +159,11 @@ def is_in_formation(beacon: Beacon) -> bool:
     return beacon.slot is not None or beacon.leadership is not None
 
 
+def has_come_to_grief(beacon: Beacon) -> bool:
+    """Whether a peer says that it cannot go on, so that it is an obstacle and not waited for."""
+    return beacon.mode == "FAILED" or beacon.reason in ("motors", "sensors")
+
+
 def stands(beacon: Beacon) -> bool:
     """Whether a peer waits or has nowhere to go, so that others must go round it."""
     return beacon.arrived or beacon.yields_to is not None or beacon.mode in ("HOLD", "FAILED")
@@ -110,4 +175,5 @@ def _is_plausible(beacon: Beacon) -> bool:
     return (
         abs(pose.x_m) + abs(pose.y_m) <= COORDINATE_M_MAX
         and rates + abs(beacon.formation_turn_rate_radps) <= RATE_MAX
+        and abs(beacon.formation_heading_rad) + abs(beacon.bearing_now_rad) <= RATE_MAX
     )

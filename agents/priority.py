@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import cos, pi, sin
+from typing import Literal
 
 import msgspec
 
@@ -17,10 +18,12 @@ from agents import peers
 from agents.peers import Peer
 from swarm import geometry
 from swarm.geometry import Pose, Twist, Vec2
-from swarm.messages import Leadership, Name, Slot
+from swarm.messages import Name, Slot
 from swarm.scenario import Priority, RobotSetup
 
 Claim = tuple[int, int, int, int]
+# What a robot is at the moment: an election changes it.
+Role = Literal["leader", "follower", "alone"]
 
 # Slot distances and angles are compared in thousandths (of 1/m and rad).
 CLAIM_STEP = 1e-3
@@ -40,18 +43,18 @@ class State(msgspec.Struct, frozen=True):
     waited_s: float = 0.0  # in a formation: this long without a break
 
 
-def claim(setup: RobotSetup) -> Claim:
+def claim(role: Role, slot: Slot | None, row: int) -> Claim:
     """Claim of eq. 65 and 66; the smaller one passes first.
 
     A leader before its followers; of these the one nearer to the leader (larger p^d = 1/d), then
     the one with the larger p^a = sgn(alpha) (pi/2 - |alpha|), then the smaller id. The paper
     leaves open which of two unequal values wins; so read, the order is total.
     """
-    if setup.leads:
-        return (0, 0, 0, setup.row)
-    if setup.slot is None:
-        return (1, 0, 0, setup.row)
-    return follower_claim(setup.slot, setup.row)
+    if role == "leader":
+        return (0, 0, 0, row)
+    if role == "alone" or slot is None:
+        return (1, 0, 0, row)
+    return follower_claim(slot, row)
 
 
 def follower_claim(slot: Slot, row: int) -> Claim:
@@ -63,26 +66,11 @@ def follower_claim(slot: Slot, row: int) -> Claim:
     return (1, -round(p_distance / CLAIM_STEP), -round(p_angle / CLAIM_STEP), row)
 
 
-def leadership_order(leadership: Leadership) -> tuple[int, Claim, str]:
-    """Sorting key of leaderships, the highest first: later term, better claim, name."""
-    return (-leadership.term, leadership.key, leadership.name)
-
-
-def highest(known: Leadership | None, others: Iterable[Peer]) -> Leadership | None:
-    """Highest leadership of those heard and the one already adopted."""
-    best = known
-    for peer in others:
-        heard = peer.beacon.leadership
-        if heard is None or heard == best:
-            continue
-        if best is None or leadership_order(heard) < leadership_order(best):
-            best = heard
-    return best
-
-
 def step(
     setup: RobotSetup,
     state: State,
+    role: Role,
+    mine: Claim,
     pose: Pose,
     twist: Twist,
     direction_rad: float,
@@ -96,16 +84,16 @@ def step(
     obstacles do not either.
 
     Args:
+        mine: own claim.
         direction_rad: world direction of the force on this robot.
         others: those heard lately; the body of any other is an obstacle.
     """
-    mine = claim(setup)
     before = [
         peer for peer in others if peer.beacon.priority < mine and not peers.stands(peer.beacon)
     ]
-    if setup.slot is not None:
+    if role == "follower":
         return _in_formation(setup, state, pose, twist, before, elapsed_s)
-    if setup.leads or setup.priority.strategy == "mutual":
+    if role == "leader" or setup.priority.strategy == "mutual":
         return State()
     return _without_formation(setup, state, pose, direction_rad, before, elapsed_s)
 

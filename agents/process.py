@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import gc
 import math
-import sys
 import time
+from collections import deque
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
 from agents import robot
-from swarm import errors, lifetime, messages, zenoh_bus
+from swarm import errors, lifetime, log, messages, zenoh_bus
 from swarm.bus import Bus
 from swarm.geometry import STILL, Pose
 from swarm.messages import COMMAND, FRAME, Command, SensorFrame, Wheels
@@ -21,6 +21,7 @@ from swarm.scenario import RobotSetup
 POLL_S = 0.5  # how often an idle robot looks whether anyone is still there
 ABSENCE_S = 1.5  # world and supervisor away for so long: nobody will come back for us
 SETUP_TIMEOUT_S = 15.0
+STATES_KEPT = 32  # frames; a world that was killed begins again at most so many before the newest
 
 _setup_decoder = msgspec.msgpack.Decoder(RobotSetup)
 
@@ -46,7 +47,7 @@ def main(arguments: Arguments) -> int:
             arguments.run, arguments.endpoint, name=arguments.name, tls=arguments.tls, leaf=True
         )
     except errors.SwarmError as error:
-        print(f"swarm-{arguments.name}: {error}", file=sys.stderr, flush=True)
+        log.say(arguments.name, str(error), level="error")
         return error.exit_code
     try:
         lifetime.heed_signals(stop)
@@ -55,13 +56,13 @@ def main(arguments: Arguments) -> int:
         shell.loop(stop, supervised=arguments.supervisor_pid is not None)
     except errors.SwarmError as error:
         if stop.reason is None:
-            print(f"swarm-{arguments.name}: {error}", file=sys.stderr, flush=True)
+            log.say(arguments.name, str(error), level="error")
             return error.exit_code
     finally:
         for reason, count in bus.rejected().items():
-            print(f"swarm-{arguments.name}: ignored {count} x {reason}", file=sys.stderr)
+            log.say(arguments.name, f"ignored {count} x {reason}", level="warn")
         bus.close()
-    print(f"swarm-{arguments.name}: {stop.reason}", file=sys.stderr, flush=True)
+    log.say(arguments.name, f"ends: {stop.reason}")
     return 0
 
 
@@ -87,9 +88,13 @@ class RobotShell:
         self._tick = -1
         self._world_left = False
         self._answered: Command | None = None  # the newest, should the world ask for it again
+        # Frames' ticks with the State before each, for a world that begins again before them.
+        self._before: deque[tuple[int, robot.State]] = deque(maxlen=STATES_KEPT)
         robot.step(setup, self._state, _warm_up_frame(setup))  # first calls are slow ones
         bus.subscribe(FRAME, setup.robot.name, newest=setup.clock.mode == "realtime")
-        bus.announce("robot", setup.robot.name)  # last: who sees it may send frames
+        bus.announce(
+            "robot", messages.token_name(setup.robot.name, incarnation)
+        )  # last: who sees it may send frames
 
     def loop(self, stop: lifetime.Stop, *, supervised: bool) -> None:
         """Answer frames until told to stop.
@@ -118,18 +123,32 @@ class RobotShell:
             self._begin_again()
         if frame.tick == self._tick and self._answered is not None:
             self._bus.publish(COMMAND, self._answered, self._answered.robot)  # it was lost
-        if frame.tick <= self._tick:
             return
+        if frame.tick <= self._tick:
+            self._go_back(frame.tick)
+        self._before.append((frame.tick, self._state))
         self._tick = frame.tick
         self._state, command = robot.step(self._setup, self._state, frame)
         self._answered = command
         self._bus.publish(COMMAND, command, command.robot)
 
+    def _go_back(self, tick: int) -> None:
+        """Forget what came from `tick` on: the world was killed, and goes on there.
+
+        Should the State of then not be kept any more, it is the oldest that is.
+        """
+        while self._before:
+            before, self._state = self._before.pop()
+            if before <= tick:
+                break
+
     def _begin_again(self) -> None:
         """Another world has taken the place of the one that ended, perhaps with other plans."""
         self._setup = ask_setup(self._bus, self._setup.robot.name)
         self._state = robot.init(self._setup, self._incarnation)
+        self._before.clear()
         self._tick = -1
+        self._answered = None
         self._world_left = False
 
 

@@ -1,9 +1,12 @@
 """One robot, one tick: what it senses and hears goes in, what it does and says comes out.
 
-    frame --hear--> peers --look--> map --decide--> wish --give way, slew, guard--> Command
-                                     |-- seek    a goal of its own: leader, or alone
-                                     |-- follow  a slot, while its leader is heard
-                                     '-- hold    nothing to do, or nobody to follow
+    frame --hear, elect--> peers --look--> map --decide--> wish --give way, slew, guard--> Command
+                                            |-- seek    a goal: leader, or alone
+                                            |-- follow  a slot, while its leader is heard
+                                            '-- hold    nothing to do, or nobody to follow
+
+Whether a member of a formation leads or follows is decided in every tick: a setup only says how it
+begins.
 
 Pure: the same setup, state and frame give the same state and command, on any machine with this
 lock file. All that is remembered is in State.
@@ -11,18 +14,45 @@ lock file. All that is remembered is in State.
 
 from __future__ import annotations
 
+from math import isfinite
+
 import msgspec
 
-from agents import follow, formation, guard, msam, peers, pid, priority, seek, steering
-from agents.peers import Peer
+from agents import (
+    election,
+    follow,
+    formation,
+    guard,
+    health,
+    lateness,
+    mission,
+    msam,
+    peers,
+    pid,
+    places,
+    priority,
+    seek,
+    steering,
+)
+from agents.mission import Mission
+from agents.peers import Body, Peer
+from agents.priority import Role
 from agents.steering import Wish
 from swarm import geometry, messages
-from swarm.geometry import STILL, Twist
-from swarm.messages import Beacon, Command, Leadership, SensorFrame, Trace
+from swarm.geometry import STILL, Pose, Twist
+from swarm.messages import Beacon, Command, SensorFrame, Slot, Trace
 from swarm.scenario import RobotSetup
 
 # Timers never advance by more than this in one step, however many frames were missed.
 ELAPSED_S_MAX = 1.0
+# A guard that allows less than this holds a robot.
+HELD_MPS = 0.05
+# A leader goes at less than this share of its speed for one that lags, but not for longer.
+WAITING_FACTOR = 0.5
+WAITING_S_MAX = 20.0
+# Near a body that was a robot, this margin has to do.
+SQUEEZE_M = 2.5
+SQUEEZE_MARGIN_M = 0.06
 
 
 class State(msgspec.Struct, frozen=True):
@@ -32,19 +62,42 @@ class State(msgspec.Struct, frozen=True):
     tick: int = -1  # of the last frame; -1 before the first
     command: Twist = STILL  # last set-point
     limited: bool = False  # the last set-point was not the one the mode asked for
+    held_by: str = ""  # peer right in front that did not let it move
     peers: tuple[Beacon, ...] = ()  # newest of each, in order of names
-    leadership: Leadership | None = None
-    formation_heading_rad: float = 0.0  # theta_F, of a leader
+    bodies: tuple[Body, ...] = ()  # of those that are not heard any more
+    fit: bool = False  # whether it could lead
+    slot: Slot | None = None  # of a follower; a leader keeps it in mind
+    election: election.State = election.State()
+    mission: Mission | None = None  # None while it is not known
+    formation_heading_rad: float | None = None  # theta_F, None while it is not known
     formation_turn_rate_radps: float = 0.0
+    places: places.State = places.State()  # of a leader
+    waited_s: float = 0.0  # of a leader: slowed down for one that lags
     seeking: seek.State = seek.State()
     following: follow.State = follow.State()
     waiting: priority.State = priority.State()
+    health: health.State = health.State()
+    lateness: lateness.State = lateness.State()
 
 
 def init(setup: RobotSetup, incarnation: int = 0) -> State:
-    """Before the first frame. A formation's leader begins with a claim of term 0."""
-    own = Leadership(0, priority.claim(setup), setup.robot.name) if setup.leads else None
-    return State(incarnation=incarnation, leadership=own, following=follow.init(setup))
+    """Before the first frame."""
+    robot = setup.robot
+    knows = robot.goal is not None or setup.leads
+    return State(
+        incarnation=incarnation,
+        fit=knows,
+        slot=setup.slot,
+        election=election.init(
+            robot.name,
+            priority.claim("leader", None, setup.row),
+            leads=setup.leads,
+            incarnation=incarnation,
+            patience_ticks=patience_ticks(setup),
+        ),
+        mission=Mission(robot.goal, robot.via) if knows else None,
+        following=follow.init(setup),
+    )
 
 
 def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Command]:
@@ -56,30 +109,42 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     elapsed_s = setup.dt_s
     if state.tick >= 0:
         elapsed_s = min(ELAPSED_S_MAX, max(1, frame.tick - state.tick) * setup.dt_s)
-    state = start(setup, state, frame, elapsed_s)
 
-    # 1. Hear: newest beacons, moved on to this tick.
-    ticks_max = int(setup.priority.stale_s / setup.dt_s + 1e-9)
-    known = peers.remember(state.peers, frame.beacons, setup.robot.name, frame.tick, ticks_max)
+    late = lateness.step(state.lateness, frame.twist, frame.tick - state.tick)
+
+    # 1. Hear: newest beacons, moved on to this tick; who leads, where to.
     sane = is_sane(frame)
-    others = peers.now(known, frame.pose, frame.tick, setup.dt_s) if sane else []
-    leadership = state.leadership
-    if setup.leads or setup.slot is not None:
-        leadership = priority.highest(leadership, others)
-    state = msgspec.structs.replace(state, tick=frame.tick, peers=known, leadership=leadership)
+    state, others = hear(setup, state, frame, sane, elapsed_s)
+    role = role_of(setup, state)
 
     # 2. Look: the map, without the bodies that are dealt with as peers.
-    map = msam.update(setup, frame.ranges_m(), [peer for peer in others if is_masked(setup, peer)])
+    masked = [peer for peer in others if is_masked(setup, role, peer)]
+    ranges_m, complete = health.known_ranges(frame.ranges_m())
+    map = msam.update(setup, ranges_m, masked)
+    well = health.step(
+        setup, state.health, frame, map, others, state.command, trusted=sane and complete
+    )
+    state = msgspec.structs.replace(state, health=well)
+    complaint = health.complaint(well)
 
     # 3. Decide.
-    wish = Wish(mode="FAILED", reason="contact" if sane else "sensors")
-    if sane and not frame.contact:
-        state, wish = decide(setup, state, frame, map, others, elapsed_s)
+    if frame.contact:
+        wish = Wish(mode="FAILED", reason="contact")
+    elif complaint == "sensors":
+        wish = Wish(mode="HOLD", reason="sensors")
+    else:
+        careful = squeeze(setup, frame.pose, state.bodies)
+        state, wish = decide(careful, state, role, frame, map, others, elapsed_s)
+        if complaint == "motors":  # it goes on asking, so it notices when they come back
+            wish = msgspec.structs.replace(wish, mode="HOLD", reason="motors")
 
     # 4. Give way, slew, guard.
+    claim = priority.claim(role, state.slot, setup.row)
     waiting = priority.step(
         setup,
         state.waiting,
+        role,
+        claim,
         frame.pose,
         frame.twist,
         wish.direction_rad(frame.pose.yaw_rad),
@@ -87,11 +152,20 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         elapsed_s,
     )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
-    set_point, allowed = restrain(setup, frame, asked, map, others)
-    if frame.contact or not sane:
-        set_point = STILL
+    set_point, allowed = restrain(setup, frame, late, asked, map, others)
+    if wish.reason in ("contact", "sensors") or not is_finite(set_point):
+        set_point = Twist(0.0, health.PROBE_RADPS) if probes(frame, well) else STILL
     limited = wish.saturated or waiting.yields_to is not None or set_point != asked
-    state = msgspec.structs.replace(state, waiting=waiting, command=set_point, limited=limited)
+    fit = state.mission is not None and can_lead(role, wish, well)
+    state = msgspec.structs.replace(
+        state,
+        waiting=waiting,
+        command=set_point,
+        limited=limited,
+        held_by=allowed.by if allowed.by != "brake" and allowed.speed_mps < HELD_MPS else "",
+        fit=fit,
+        lateness=lateness.send(late, set_point),
+    )
 
     # 5. Say.
     command = Command(
@@ -99,7 +173,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         tick=frame.tick,
         stamp_ns=frame.stamp_ns,
         set_point=set_point,
-        beacon=beacon(setup, state, frame, wish),
+        beacon=beacon(setup, state, role, claim, others, frame, wish),
         trace=Trace(
             sectors=messages.floats(map.sectors_m),
             arcs=map.arcs,
@@ -114,16 +188,86 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     return state, command
 
 
-def start(setup: RobotSetup, state: State, frame: SensorFrame, elapsed_s: float) -> State:
-    """State with theta_F of this tick: turned on as announced, at first the robot's own heading."""
-    if not setup.leads:
-        return state
-    heading_rad = frame.pose.yaw_rad
-    if state.tick >= 0:
-        heading_rad = geometry.wrap_angle(
-            state.formation_heading_rad + state.formation_turn_rate_radps * elapsed_s
-        )
-    return msgspec.structs.replace(state, formation_heading_rad=heading_rad)
+def patience_ticks(setup: RobotSetup) -> int:
+    """How old a beacon may be to count, and how long a leader may be silent."""
+    return int(setup.priority.stale_s / setup.dt_s + 1e-9)
+
+
+def role_of(setup: RobotSetup, state: State) -> Role:
+    """What the robot is in this tick; alone: it belongs to no formation."""
+    if not setup.leads and setup.slot is None:
+        return "alone"
+    return "leader" if state.election.leads else "follower"
+
+
+def hear(
+    setup: RobotSetup, state: State, frame: SensorFrame, sane: bool, elapsed_s: float
+) -> tuple[State, list[Peer]]:
+    """State after what was heard in this tick, and the peers as they are now."""
+    patience = patience_ticks(setup)
+    robot, tick = setup.robot, frame.tick
+    known = peers.remember(state.peers, frame.beacons, robot.name, tick, patience)
+    others = peers.now(known, frame.pose, tick, setup.dt_s) if sane else []
+    bodies = peers.lose(state.bodies, state.peers, known, setup.dt_s)
+    replace = msgspec.structs.replace
+    if not setup.leads and setup.slot is None:
+        return replace(state, tick=tick, peers=known, bodies=bodies), others
+    led = state.election.leads
+    elected = election.step(
+        state.election,
+        robot.name,
+        priority.claim("leader" if led else "follower", state.slot, setup.row),
+        known,
+        tick,
+        tick - state.tick,
+        fit=state.fit,
+        patience_ticks=patience,
+    )
+    state = replace(state, tick=tick, peers=known, bodies=bodies, election=elected)
+    if not elected.leads:
+        return learn(state, robot.name, others), others
+    if not led:
+        state = take_over(setup, state, frame, others)
+    heading_rad = state.formation_heading_rad
+    heading_rad = (
+        frame.pose.yaw_rad
+        if heading_rad is None
+        else geometry.wrap_angle(heading_rad + state.formation_turn_rate_radps * elapsed_s)
+    )
+    return replace(state, formation_heading_rad=heading_rad), others
+
+
+def learn(state: State, name: str, others: list[Peer]) -> State:
+    """State of a follower after what its leader says: mission, theta_F, perhaps another slot."""
+    leader = leader_of(state, others)
+    errand = mission.learn(state.mission, leader, others)
+    if leader is None:
+        return msgspec.structs.replace(state, mission=errand)
+    slot = dict(leader.beacon.assignments).get(name, state.slot)
+    goal = follow.goal_of(leader)
+    return msgspec.structs.replace(
+        state, mission=errand, slot=slot, formation_heading_rad=goal.heading_rad
+    )
+
+
+def take_over(setup: RobotSetup, state: State, frame: SensorFrame, others: list[Peer]) -> State:
+    """State of a follower that has just become the leader: the mission of the one before it."""
+    assert state.mission is not None
+    standing = [
+        Body(peer.beacon.name, peer.pose.x_m, peer.pose.y_m, peer.beacon.body_radius_m)
+        for peer in others
+        if peers.has_come_to_grief(peer.beacon)
+    ]
+    errand = mission.take_over(
+        state.mission, frame.pose, setup.robot.body_radius_m, [*state.bodies, *standing]
+    )
+    return msgspec.structs.replace(
+        state,
+        mission=errand,
+        formation_turn_rate_radps=0.0,
+        places=places.State(elected=True),
+        seeking=seek.State(),
+    )
 
 
 def is_sane(frame: SensorFrame) -> bool:
@@ -134,16 +278,48 @@ def is_sane(frame: SensorFrame) -> bool:
     )
 
 
-def is_masked(setup: RobotSetup, peer: Peer) -> bool:
+def squeeze(setup: RobotSetup, pose: Pose, bodies: tuple[Body, ...]) -> RobotSetup:
+    """Setup with less room asked for in gaps near the body of a robot that was lost.
+
+    In the middle of a gap for two it leaves a way on either side, if only just; the guards keep
+    off what is asked for too closely.
+    """
+    if not any(
+        geometry.length(body.x_m - pose.x_m, body.y_m - pose.y_m) < SQUEEZE_M for body in bodies
+    ):
+        return setup
+    steering = setup.steering
+    tight = msgspec.structs.replace(
+        steering,
+        gap_margin_m=min(steering.gap_margin_m, SQUEEZE_MARGIN_M),
+        gap_margin_follower_m=min(steering.gap_margin_follower_m, SQUEEZE_MARGIN_M),
+    )
+    return msgspec.structs.replace(setup, steering=tight)
+
+
+def is_finite(twist: Twist) -> bool:
+    """Whether a set-point is one that motors could be given."""
+    return isfinite(twist.speed_mps) and isfinite(twist.turn_rate_radps)
+
+
+def probes(frame: SensorFrame, well: health.State) -> bool:
+    """Whether to turn on the spot, so as to see whether a frozen scan changes."""
+    return well.frozen and not frame.contact
+
+
+def is_masked(setup: RobotSetup, role: Role, peer: Peer) -> bool:
     """Whether a peer's body is left out of the map, because rules and forces deal with it.
 
-    In a formation: the other members, but not one that has come to grief. Else: peers that move,
-    which the right of way deals with; one that stands is an obstacle to go round. Where robots
-    treat each other as moving obstacles they all stay on the map.
+    In a formation: the other members, but not one that has come to grief, nor one in front of the
+    leader: it may be unable to get out of the way, and then the leader goes round it. Else: peers
+    that move, which the right of way deals with; one that stands is an obstacle to go round. Where
+    robots treat each other as moving obstacles they all stay on the map.
     """
-    if setup.leads or setup.slot is not None:
+    if role == "leader" and peer.offset_body[0] > abs(peer.offset_body[1]):
+        return False
+    if role != "alone":
         if peers.is_in_formation(peer.beacon):
-            return peer.beacon.mode != "FAILED"
+            return not peers.has_come_to_grief(peer.beacon)
     elif setup.priority.strategy == "mutual":
         return False
     return not peers.stands(peer.beacon)
@@ -152,18 +328,20 @@ def is_masked(setup: RobotSetup, peer: Peer) -> bool:
 def decide(
     setup: RobotSetup,
     state: State,
+    role: Role,
     frame: SensorFrame,
     map: msam.Map,
     others: list[Peer],
     elapsed_s: float,
 ) -> tuple[State, Wish]:
     """State and wish of the mode that is in force. The only place that knows controllers."""
+    if role == "leader":
+        return lead(setup, state, frame, map, others, elapsed_s)
     extended = setup.robot.controller == "extended"
-    pose = frame.pose
     replace = msgspec.structs.replace
-    if setup.slot is not None:
+    if role == "follower":
         leader = leader_of(state, others)
-        if leader is None:
+        if leader is None or state.slot is None:
             tracking = pid.reset(state.following.tracking)
             following = replace(state.following, tracking=tracking, rest_s=0.0)
             return replace(state, following=following), Wish(mode="HOLD")
@@ -172,96 +350,185 @@ def decide(
         following, wish = follow.step(
             setup,
             state.following,
-            pose,
+            frame.pose,
             frame.twist,
             map,
             others,
             follow.goal_of(leader),
+            state.slot,
+            priority.claim(role, state.slot, setup.row),
+            held_by=state.held_by,
             extended=extended,
             frozen=state.limited,
+            waiting=is_held_up(state),
             elapsed_s=elapsed_s,
         )
         return replace(state, following=following), wish
     if setup.robot.goal is None:
         return state, Wish(mode="HOLD")
-    speed_mps = slowest_mps = cruise_mps = setup.robot.speed_mps_max
-    if setup.leads and setup.formation is not None:
-        followers = [peer for peer in others if peer.beacon.slot is not None]
-        lag_m = formation.lag(state.formation_heading_rad, pose, followers)
-        slowest_mps = formation.slowest(setup, followers)
-        cruise_mps = formation.cruise(setup, slowest_mps)
-        speed_mps = cruise_mps * formation.pace(setup.formation, lag_m)
     seeking, wish = seek.step(
         setup,
         state.seeking,
-        pose,
+        frame.pose,
         map,
-        () if setup.leads else others,
-        speed_mps=speed_mps,
+        others,
+        speed_mps=setup.robot.speed_mps_max,
         extended=extended,
-        waiting=state.waiting.yields_to is not None,
+        waiting=is_held_up(state),
         elapsed_s=elapsed_s,
     )
-    state = replace(state, seeking=seeking)
-    if setup.leads:
-        rate_radps = (
-            0.0
-            if wish.arrived
-            else formation.turn(
-                setup, state.formation_heading_rad, pose.yaw_rad, slowest_mps - cruise_mps
-            )
+    return replace(state, seeking=seeking), wish
+
+
+def lead(
+    setup: RobotSetup,
+    state: State,
+    frame: SensorFrame,
+    map: msam.Map,
+    others: list[Peer],
+    elapsed_s: float,
+) -> tuple[State, Wish]:
+    """A leader's tick: towards the goal, no faster than the last can follow; who has which slot."""
+    assert setup.formation is not None
+    assert state.mission is not None
+    assert state.formation_heading_rad is not None
+    pose, heading_rad = frame.pose, state.formation_heading_rad
+    followers = [peer for peer in others if is_led(peer)]
+    wish = Wish(mode="HOLD")
+    seeking, rate_radps, waited_s = state.seeking, 0.0, 0.0
+    if state.mission.goal is not None:
+        factor = formation.pace(setup.formation, formation.lag(heading_rad, pose, followers))
+        waited_s = state.waited_s + elapsed_s if factor < WAITING_FACTOR else 0.0
+        if waited_s > WAITING_S_MAX:
+            factor = WAITING_FACTOR
+        slowest_mps = formation.slowest(setup, followers)
+        cruise_mps = formation.cruise(setup, slowest_mps)
+        seeking, wish = seek.step(
+            mission.bound_for(setup, state.mission, seeking.rotation.stalled_s),
+            seeking,
+            pose,
+            map,
+            (),
+            speed_mps=cruise_mps * factor,
+            extended=setup.robot.controller == "extended",
+            waiting=is_held_up(state),
+            elapsed_s=elapsed_s,
         )
-        state = replace(state, formation_turn_rate_radps=rate_radps)
-    return state, wish
+        if not wish.arrived:
+            spare_mps = slowest_mps - cruise_mps
+            rate_radps = formation.turn(setup, heading_rad, pose.yaw_rad, spare_mps)
+    plan = places.step(
+        state.places,
+        setup.places,
+        pose,
+        heading_rad,
+        followers,
+        [(body.x_m, body.y_m) for body in state.bodies],
+        clear_m=2.0 * setup.robot.body_radius_m + mission.BESIDE_M,
+        arrived=wish.arrived,
+    )
+    return msgspec.structs.replace(
+        state,
+        seeking=seeking,
+        places=plan,
+        formation_turn_rate_radps=rate_radps,
+        waited_s=waited_s,
+    ), wish
+
+
+def is_held_up(state: State) -> bool:
+    """Whether something else than the way keeps the robot, so that clocks of the way stand."""
+    return (
+        state.waiting.yields_to is not None
+        or health.complaint(state.health) == "motors"
+        or (state.election.leads and state.held_by != "")
+    )
+
+
+def is_led(peer: Peer) -> bool:
+    """Whether a leader counts with a peer: waits for it, and gives it a slot."""
+    return peers.is_in_formation(peer.beacon) and not peers.has_come_to_grief(peer.beacon)
+
+
+def can_lead(role: Role, wish: Wish, well: health.State) -> bool:
+    """Whether a robot in this role with such a wish is good for a leader.
+
+    A leader that finds no way to the goal stays leader: nobody else would find one. One that sees
+    nothing stays it for a moment.
+    """
+    if role == "leader":
+        briefly = wish.reason == "sensors" and well.blind_s <= health.BLIND_S
+        return briefly or wish.reason in ("", "enclosed", "too-long")
+    return role == "follower" and wish.reason == ""
 
 
 def leader_of(state: State, others: list[Peer]) -> Peer | None:
-    """Peer that holds the highest leadership known, None while it is silent."""
-    if state.leadership is None:
+    """Peer that holds the highest leadership known, None while it is silent or does not lead."""
+    leadership = state.election.leadership
+    if leadership is None:
         return None
     for peer in others:
-        if peer.beacon.name == state.leadership.name:
-            return peer
+        if peer.beacon.name == leadership.name:
+            return peer if election.leads(peer.beacon) else None
     return None
 
 
 def restrain(
     setup: RobotSetup,
     frame: SensorFrame,
+    late: lateness.State,
     asked: Twist,
     map: msam.Map,
     others: list[Peer],
 ) -> tuple[Twist, guard.Limit]:
     """Set-point within acceleration, guards and wheel speeds, in this order: guards overrule."""
-    held, allowed = guard.hold(setup, frame.twist, asked, map, others)
+    # A peer that is not heard may go on, or may have died and stopped: neither may be touched.
+    bodies = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
+    base, late_s = lateness.base(late, frame.twist), late.late_ticks * setup.dt_s
+    held, allowed = guard.hold(setup, base, asked, map, bodies, late_s=late_s)
     return steering.scale_to_rims(setup.robot, held), allowed
 
 
-def beacon(setup: RobotSetup, state: State, frame: SensorFrame, wish: Wish) -> Beacon:
+def beacon(
+    setup: RobotSetup,
+    state: State,
+    role: Role,
+    claim: priority.Claim,
+    others: list[Peer],
+    frame: SensorFrame,
+    wish: Wish,
+) -> Beacon:
     """What this robot tells its peers about itself.
 
     Its twist is the set-point, which the body can reach in this tick and has when the beacon is
     heard; with the measured one, a tick older, followers stop up to 0.03 m from their slots.
     """
     robot = setup.robot
+    leads = role == "leader"
+    errand, passed = state.mission, state.seeking.via_index
+    elected = state.election
+    followed = election.is_followed(elected, patience_ticks(setup))
     return Beacon(
         name=robot.name,
         tick=frame.tick,
         incarnation=state.incarnation,
         pose=frame.pose,
-        twist=state.command,
+        twist=STILL if wish.reason == "motors" else state.command,
         body_radius_m=robot.body_radius_m,
         speed_mps_max=robot.speed_mps_max,
         mode=wish.mode,
         arrived=wish.arrived,
-        priority=priority.claim(setup),
-        slot=setup.slot,
-        bearing_now_rad=state.following.bearing_now_rad,
-        leadership=state.leadership,
-        goal=robot.goal,
-        via=robot.via[state.seeking.via_index :],
-        formation_heading_rad=state.formation_heading_rad,
-        formation_turn_rate_radps=state.formation_turn_rate_radps,
+        priority=claim,
+        slot=None if leads else state.slot,
+        bearing_now_rad=0.0 if leads else state.following.bearing_now_rad,
+        leadership=elected.leadership,
+        leader_tick=elected.leader_tick if followed else None,
+        fit=state.fit and elected.listen_ticks == 0,
+        assignments=places.changes(state.places, others) if leads else (),
+        goal=None if errand is None else errand.goal,
+        via=() if errand is None else errand.via[0 if role == "follower" else passed :],
+        formation_heading_rad=(state.formation_heading_rad or 0.0) if leads else 0.0,
+        formation_turn_rate_radps=state.formation_turn_rate_radps if leads else 0.0,
         yields_to=state.waiting.yields_to,
         reason=wish.reason,
     )

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dashboards import snapshot, stage, views
-from swarm import geometry
+from swarm import geometry, messages
 from swarm.geometry import Floats
 from swarm.messages import TickRecord
 from swarm.recording import Channel
@@ -194,6 +194,7 @@ def _bodies(scenario: Scenario) -> Callable[[Floats], Cloud]:
     template = np.empty((*ahead.shape, 4), "<f4")
     template[:, :, 2] = 2.0 * RISE_M
     template[:, :, 3] = _as_number(stage.colours(scenario))[:, None]
+    stopped_colour = _as_number(np.array([stage.STOPPED], np.uint32))
 
     def draw(motion: Floats) -> Cloud:
         yaw_rad = motion[:, snapshot.YAW, None]
@@ -201,6 +202,8 @@ def _bodies(scenario: Scenario) -> Callable[[Floats], Cloud]:
         points = template.copy()
         points[:, :, 0] = motion[:, snapshot.X, None] + cos * ahead - sin * left
         points[:, :, 1] = motion[:, snapshot.Y, None] + sin * ahead + cos * left
+        stopped = (motion[:, snapshot.ALIVE] == 0.0) | (motion[:, snapshot.CONTACT] != 0.0)
+        points[stopped, :, 3] = stopped_colour
         return points
 
     return draw
@@ -260,7 +263,7 @@ def _cloud(record: TickRecord, points: Cloud) -> bytes:
 
 def _log(record: TickRecord) -> bytes:
     """All events of a tick in one message, at the level of the worst."""
-    levels = [views.LEVELS.get(event.kind, "INFO") for event in record.events]
+    levels = [messages.level_of(event.kind).upper() for event in record.events]
     worst = max(levels, key=list(_LEVELS).index)
     return fm.Log(
         timestamp=_timestamp(record.stamp_ns),

@@ -7,6 +7,7 @@ The server is ours and viewers come to it: a client sink would stop the run when
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -26,6 +27,7 @@ BATCH_TICKS = 100  # in one call per entity: some 10 x cheaper than a call per t
 BATCH_S = 0.2  # wall; a live picture is never older
 CHECK_S = 1.0  # wall; how soon a full disk is noticed
 CLOSE_S = 5.0  # wall; for the last bytes
+FREE_BYTES_MIN = 1 << 18  # on the disk; less is too little to begin with
 
 
 class Live:
@@ -48,7 +50,7 @@ class Live:
         self._before = views.Before()
         self._send_at_s = now() + BATCH_S
         self._check_at_s = now() + CHECK_S
-        file = [] if rrd_path is None else [rr.FileSink(rrd_path)]
+        file = [] if rrd_path is None or self._is_full(rrd_path) else [rr.FileSink(rrd_path)]
         server: list[rr.GrpcServerSink] = []
         if serve_port is not None:
             server.append(rr.GrpcServerSink(HOST, serve_port, server_memory_limit=SERVER_MEMORY))
@@ -111,6 +113,22 @@ class Live:
             stream.flush(timeout_sec=CLOSE_S)
         except (RuntimeError, ValueError, TimeoutError) as error:
             self._fail(str(error))
+
+    def _is_full(self, path: Path) -> bool:
+        """Whether there is no room for the beginning of a file.
+
+        Rerun may wait for ever when its writer dies of a full disk just while it opens the file;
+        later it only says so.
+        """
+        try:
+            free_bytes = shutil.disk_usage(path.parent).free
+        except OSError as error:
+            self._fail(f"{path}: {error.strerror}")
+            return True
+        if free_bytes < FREE_BYTES_MIN:
+            self._fail(f"{path}: {free_bytes} bytes free, expected {FREE_BYTES_MIN}")
+            return True
+        return False
 
     def _fail(self, text: str) -> None:
         if self.failure is None:

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from swarm import geometry
+from dashboards import states
+from swarm import geometry, palette
 from swarm.geometry import Floats
 from swarm.scenario import Obstacle, Scenario
 
@@ -30,7 +31,6 @@ OBSTACLE_EDGE = 0x8A97ADFF
 SCAN = 0xE8B26AFF
 HEADING = 0x0B0D10FF  # upon the light body
 STOPPED = 0xFF4D4DFF
-LEADER = 0xFFE08AFF
 LARGEST = 0x4A5568FF
 BETWEEN_ROBOTS = 0xC084FCFF
 FORCE_COLOURS = (0x4ADE80FF, 0xF87171FF, 0xFACC15FF, 0xC084FCFF, 0xFFFFFFFF)  # as in FORCES
@@ -44,9 +44,21 @@ STATE_COLOURS: Mapping[str, int] = {
     "HOLD": 0xA0AEC0FF,
     "ARRIVED": 0x38B2ACFF,
     "FAILED": 0xE53E3EFF,
-    "collided": 0xE53E3EFF,
-    "dead": 0x9B2C2CFF,
-    "silent": 0x4A5568FF,
+    states.SILENT: 0x4A5568FF,
+    states.COLLIDED: 0xE53E3EFF,
+    states.DEAD: 0x9B2C2CFF,
+    "killed": 0x9B2C2CFF,
+    "lost": 0x9B2C2CFF,
+    "missing": 0x9B2C2CFF,
+    "hung": 0x7B341EFF,
+    "restarting": 0x6B46C1FF,
+}
+TROUBLE_COLOURS: Mapping[str, int] = {  # half of it is mixed into that of the mode
+    "motor fault": 0xFF2E88FF,
+    "sensor fault": 0xB14CFFFF,
+    "slow": 0x8B5A2BFF,
+    "link fault": 0x2B3A8CFF,
+    "garbage": 0x808000FF,
 }
 
 
@@ -69,7 +81,7 @@ def statics(scenario: Scenario, obstacles: Sequence[Obstacle]) -> dict[str, Stat
             rr.Arrows2D.from_fields(colors=[HEADING], radii=[0.04], draw_order=ABOVE)
         ],
         "world/stopped": [
-            rr.Points2D.from_fields(colors=[STOPPED], radii=[0.12], draw_order=ABOVE)
+            rr.LineStrips2D.from_fields(colors=[STOPPED], radii=[0.04], draw_order=ABOVE)
         ],
         "plots/formation_error": [rr.SeriesLines(colors=own, names=names)],
         "plots/formation_error_max": [
@@ -89,28 +101,43 @@ def statics(scenario: Scenario, obstacles: Sequence[Obstacle]) -> dict[str, Stat
             rr.Arrows2D.from_fields(colors=[colour], radii=[0.02], draw_order=ABOVE)
         ]
     if len(names) <= STATE_ROBOTS_MAX:
-        state_colours = np.array(list(STATE_COLOURS.values()), np.uint32)
+        known = state_colours()
         for name in names:
             result[f"robots/{name}"] = [
-                rr.StateConfiguration(values=list(STATE_COLOURS), colors=state_colours)
+                rr.StateConfiguration(
+                    values=list(known), colors=np.array(list(known.values()), np.uint32)
+                )
             ]
     return result
 
 
 def colours(scenario: Scenario) -> Colours:
-    """(robots,), far apart for neighbours in the table, light on a dark ground; gold leads."""
-    golden_turns = 0.618033988749895  # its multiples fill the colour circle evenly
-    hues = (0.55 + golden_turns * np.arange(len(scenario.robots))) % 1.0
-    wave = np.abs((hues[:, None] * 6.0 + np.array([0.0, 4.0, 2.0])) % 6.0 - 3.0) - 1.0
-    result = _rgba(255.0 * (0.35 + 0.65 * np.clip(wave, 0.0, 1.0)))
-    if scenario.formation is not None:
-        result[scenario.row(scenario.formation.leader)] = LEADER
+    """(robots,) RGBA; see swarm.palette."""
+    formation = scenario.formation
+    leader = None if formation is None else scenario.row(formation.leader)
+    return _rgba(np.array(palette.colours(len(scenario.robots), leader), dtype=np.float64))
+
+
+def state_colours() -> dict[str, int]:
+    """Colour of everything that a time line shows."""
+    result = dict(STATE_COLOURS)
+    modes = (*states.MODES, states.SILENT)
+    for trouble, colour in TROUBLE_COLOURS.items():
+        own = np.array([STATE_COLOURS[mode] for mode in modes], np.uint32)
+        mixed = _rgba(0.5 * _rgb(own) + 0.5 * _rgb(np.array([colour], np.uint32)))
+        words = (states.with_trouble(mode, trouble) for mode in modes)
+        result |= zip(words, mixed.tolist(), strict=True)
     return result
 
 
 def dimmed(rgba: Colours, share: float) -> Colours:
     """The same hues, darker."""
-    return _rgba(share * np.stack([(rgba >> shift) & 0xFF for shift in (24, 16, 8)], axis=1))
+    return _rgba(share * _rgb(rgba))
+
+
+def _rgb(rgba: Colours) -> Floats:
+    """(colours, 3)"""
+    return np.stack([(rgba >> shift) & 0xFF for shift in (24, 16, 8)], axis=1).astype(np.float64)
 
 
 def _rgba(rgb: Floats) -> Colours:

@@ -16,25 +16,18 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from dashboards import snapshot
+from dashboards import snapshot, states
 from dashboards.snapshot import ALIVE, CLEARANCE, CONTACT, SPEED, YAW
 from dashboards.stage import FORCES, STATE_ROBOTS_MAX
-from swarm import geometry
+from dashboards.states import Troubles
+from swarm import geometry, messages
 from swarm.geometry import Floats
-from swarm.messages import Event, EventKind, TickRecord
+from swarm.messages import Event, TickRecord
 from swarm.scenario import Scenario
 
 FORCE_LENGTH_M_MAX = 1.0  # arrow of an endless force
 FORCE_HALF = 6.0  # force whose arrow has half that length
-LEVELS: Mapping[EventKind, str] = {
-    "fault": "WARN",
-    "robot-missing": "ERROR",
-    "robot-lost": "WARN",
-    "robot-hung": "WARN",
-    "collision": "ERROR",
-    "message-rejected": "WARN",
-    "recording": "ERROR",
-}  # all others: INFO
+CROSS = np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])  # strokes, in radii
 
 Rows = npt.NDArray[np.intp]
 
@@ -43,7 +36,9 @@ class Before(msgspec.Struct, frozen=True, eq=False):
     """What the batch before leaves for the next one."""
 
     positions: Floats | None = None  # (robots, 2) m
-    states: tuple[str, ...] = ()
+    stopped: bool = False  # whether there was any body that stood for good
+    troubles: Troubles = Troubles()
+    words: tuple[str, ...] = ()  # on the time lines; none for a large swarm
 
 
 class Shot(msgspec.Struct, frozen=True, eq=False):
@@ -68,6 +63,8 @@ class Batch(msgspec.Struct, frozen=True, eq=False):
     positions: Floats  # (ticks, robots, 2) m
     slots: Floats  # (details, robots, 2) m, nan where there is none
     scans: Mapping[int, Floats]  # (hits, 2) m, by row
+    troubles: Troubles  # after the last tick
+    words: Sequence[tuple[str, ...]]  # on the time lines, by tick; none for a large swarm
 
 
 class Drawing(msgspec.Struct, frozen=True, eq=False):
@@ -91,6 +88,11 @@ def batch(scenario: Scenario, shots: Sequence[Shot], before: Before) -> Batch:
     detail = np.flatnonzero(ticks % snapshot.detail_ticks(len(scenario.robots)) == 0)
     motion = np.array([shot.motion for shot in shots])
     slots = [_slots(scenario, records[row]) for row in detail]
+    troubles, words = before.troubles, []
+    if len(scenario.robots) <= STATE_ROBOTS_MAX:
+        for record in records:
+            troubles = states.follow(troubles, record)
+            words.append(states.words(scenario, troubles, record))
     return Batch(
         scenario=scenario,
         records=records,
@@ -103,12 +105,19 @@ def batch(scenario: Scenario, shots: Sequence[Shot], before: Before) -> Batch:
         positions=np.ascontiguousarray(motion[:, :, :2]),
         slots=np.array(slots).reshape(-1, len(scenario.robots), 2),
         scans={row: shot.scan for row, shot in enumerate(shots) if shot.scan is not None},
+        troubles=troubles,
+        words=words,
     )
 
 
 def after(batch: Batch) -> Before:
     """What the next batch needs of this one."""
-    return Before(batch.positions[-1], _states(batch.records[-1]))
+    return Before(
+        batch.positions[-1],
+        bool(_stopped_flags(batch)[-1].any()),
+        batch.troubles,
+        batch.words[-1] if batch.words else (),
+    )
 
 
 def _slots(scenario: Scenario, record: TickRecord) -> list[geometry.Vec2]:
@@ -135,20 +144,6 @@ def _slots(scenario: Scenario, record: TickRecord) -> list[geometry.Vec2]:
             leader.pose.y_m - slot.distance_m * y,
         )
     return result
-
-
-def _states(record: TickRecord) -> tuple[str, ...]:
-    """What each robot's time line shows."""
-    return tuple(
-        "collided"
-        if robot.contact
-        else "dead"
-        if not robot.alive
-        else "silent"
-        if robot.beacon is None
-        else robot.beacon.mode
-        for robot in record.robots
-    )
 
 
 # --- the scene ------------------------------------------------------------------------------------
@@ -183,11 +178,23 @@ def _trails(batch: Batch) -> Iterator[Drawing]:
 
 
 def _stopped(batch: Batch) -> Iterator[Drawing]:
-    """A red dot on each body that is dead or has touched something."""
-    flags = (batch.motion[:, :, ALIVE] == 0.0) | (batch.motion[:, :, CONTACT] != 0.0)
-    if flags.any() or not {"dead", "collided"}.isdisjoint(batch.before.states):
-        counts = [int(number) for number in flags.sum(axis=1)]
-        yield Drawing("world/stopped", batch.all, _points(batch.positions[flags], counts))
+    """Each body that is dead or has touched something is crossed out."""
+    flags = _stopped_flags(batch)
+    if flags.any() or batch.before.stopped:
+        radii_m = np.array([robot.body_radius_m for robot in batch.scenario.robots])
+        reach_m = np.broadcast_to(radii_m, flags.shape)[flags][:, None, None, None]
+        strokes = batch.positions[flags][:, None, None] + reach_m * CROSS
+        columns = rr.LineStrips2D.columns(strips=strokes.reshape(-1, 2, 2))
+        counts = [len(CROSS) * int(number) for number in flags.sum(axis=1)]
+        yield Drawing("world/stopped", batch.all, [*columns.partition(counts)])
+
+
+def _stopped_flags(batch: Batch) -> npt.NDArray[np.bool_]:
+    """(ticks, robots)"""
+    flags: npt.NDArray[np.bool_] = (batch.motion[:, :, ALIVE] == 0.0) | (
+        batch.motion[:, :, CONTACT] != 0.0
+    )
+    return flags
 
 
 def _slot_marks(batch: Batch) -> Iterator[Drawing]:
@@ -279,7 +286,7 @@ def _events(batch: Batch) -> Iterator[Drawing]:
         for event in record.events:
             rows.append(row)
             texts.append(event_text(event))
-            levels.append(LEVELS.get(event.kind, "INFO"))
+            levels.append(messages.level_of(event.kind).upper())
     if rows:
         columns = [*rr.TextLog.columns(text=texts, level=levels)]
         yield Drawing("events", np.array(rows), columns)
@@ -288,24 +295,22 @@ def _events(batch: Batch) -> Iterator[Drawing]:
 def event_text(event: Event) -> str:
     """One line for a person."""
     who = "" if event.robot is None else f" {event.robot}"
-    return f"{event.kind}{who}{': ' if event.text else ''}{event.text}"
+    text = event.text or event.fault
+    return f"{event.kind}{who}{': ' if text else ''}{text}"
 
 
 def _state_changes(batch: Batch) -> Iterator[Drawing]:
     """One time line per robot, a row only where it changes."""
-    if len(batch.scenario.robots) > STATE_ROBOTS_MAX:
-        return
     changes: dict[int, list[tuple[int, str]]] = {}
-    states = batch.before.states
-    for row, record in enumerate(batch.records):
-        now = _states(record)
-        for robot, state in enumerate(now):
-            if not states or states[robot] != state:
-                changes.setdefault(robot, []).append((row, state))
-        states = now
+    before = batch.before.words
+    for row, now in enumerate(batch.words):
+        for robot, word in enumerate(now):
+            if not before or before[robot] != word:
+                changes.setdefault(robot, []).append((row, word))
+        before = now
     for robot, found in changes.items():
         rows = np.array([row for row, _ in found])
-        columns = [*rr.StateChange.columns(state=[state for _, state in found])]
+        columns = [*rr.StateChange.columns(state=[word for _, word in found])]
         yield Drawing(f"robots/{batch.scenario.robots[robot].name}", rows, columns)
 
 

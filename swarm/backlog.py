@@ -6,16 +6,17 @@ Writer --bytes----> Stream --when the disk is willing--> file
 
 from __future__ import annotations
 
+import errno
 import os
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
 from swarm import errors
-from swarm.playback import Counts, TopicCount
+from swarm.source import Counts, TopicCount
 
 
-class Segment:
+class Batch:
     """Ticks written since the flush before: counts by topic, first and last, where they end."""
 
     def __init__(self, numbers: Sequence[int] = (), first: int = 0, last: int = 0) -> None:
@@ -64,7 +65,7 @@ class Account:
         for index, number in enumerate(numbers):
             self._refused[index] += number
 
-    def counts(self, waiting: Sequence[Segment] = ()) -> Counts:
+    def counts(self, waiting: Sequence[Batch] = ()) -> Counts:
         """The account, with what still waits counted as written."""
         rows = zip(
             self._topics, self._expected, self._received, self._written, self._refused, strict=True
@@ -100,10 +101,11 @@ class Stream:
                 f"{path}: expected a place for the recording, got: {error.strerror}; "
                 "choose another folder or free this one"
             ) from error
+        self.refuses = False  # an injected fault: as if the disk were full
         self._waiting: deque[memoryview] = deque()
         self.size = 0  # of all that was given to this stream
         self.written_bytes = 0
-        self.boundary = 0  # end of the last segment that is all on disk
+        self.boundary = 0  # end of the last batch that is all on disk
         self.closed = False
 
     @property
@@ -128,6 +130,8 @@ class Stream:
     def drain(self) -> None:
         """Writes what waits; raises OSError where the disk refuses, and keeps the rest."""
         while self._waiting:
+            if self.refuses:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             piece = self._waiting[0]
             written = os.write(self._file, piece)
             self.written_bytes += written
@@ -137,14 +141,14 @@ class Stream:
                 self._waiting[0] = piece[written:]
 
     def close(self) -> bool:
-        """Closes the file, cut behind its last whole segment if bytes wait; True when none do."""
+        """Closes the file, cut behind its last whole batch if bytes wait; True when none do."""
         self.closed = True
         whole = not self._waiting
         try:
             if not whole:
                 os.ftruncate(self._file, self.boundary)
         except OSError:
-            pass  # then a piece of a segment stays, which every reader passes over
+            pass  # then a piece of a batch stays, which every reader passes over
         finally:
             try:
                 os.close(self._file)

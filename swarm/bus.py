@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
-from swarm import errors
+from swarm import errors, messages
 from swarm.messages import Query, Reply, Topic
 
 
@@ -37,6 +37,9 @@ class Bus(Protocol):
 
     def publish(self, topic: Topic, message: msgspec.Struct, robot: str = "") -> None:
         """Send; `robot` fills the key of a topic that has one."""
+
+    def publish_raw(self, topic: Topic, payload: bytes, robot: str = "") -> None:
+        """Send bytes as they are, whatever they mean to those who receive them."""
 
     def subscribe(self, topic: Topic, robot: str = "*", *, newest: bool = False) -> None:
         """Receive a topic from now on; `newest` keeps only the last undelivered message."""
@@ -87,6 +90,7 @@ class MemoryBus:
         self._hub = hub
         self._newest: set[str] = set()  # topics of which only the last message is kept
         self._queue: deque[Delivery] = deque()
+        self._rejected: dict[str, int] = {}
         self._woken = False
         self._closed = False
 
@@ -97,6 +101,15 @@ class MemoryBus:
             if topic.name in bus._newest:
                 bus._queue = deque(one for one in bus._queue if one.topic is not topic)
             bus._queue.append(Delivery(topic, message))
+
+    def publish_raw(self, topic: Topic, payload: bytes, robot: str = "") -> None:
+        """Decode for every subscriber, as a bus between processes would."""
+        routes = self._hub.routes
+        for bus in (*routes.get((topic.name, robot), ()), *routes.get((topic.name, "*"), ())):
+            try:
+                bus._queue.append(Delivery(topic, messages.decode(topic, payload)))
+            except errors.MessageError as error:
+                bus._rejected[str(error)] = bus._rejected.get(str(error), 0) + 1
 
     def subscribe(self, topic: Topic, robot: str = "*", *, newest: bool = False) -> None:
         """Receive a topic from now on."""
@@ -142,8 +155,8 @@ class MemoryBus:
         return handler(request)
 
     def rejected(self) -> dict[str, int]:
-        """Always empty: what is never encoded cannot be malformed."""
-        return {}
+        """Of raw bytes; what is never encoded cannot be malformed."""
+        return dict(self._rejected)
 
     def close(self) -> None:
         """Take back tokens and subscriptions."""

@@ -7,7 +7,9 @@ is told by the kernel when the supervisor is gone, whatever the bus is doing.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import io
 import os
 import select
 import signal
@@ -20,6 +22,7 @@ from typing import Any
 
 import setproctitle
 
+from swarm import log as log_
 from swarm.bus import Bus
 
 PR_SET_PDEATHSIG = 1  # prctl(2)
@@ -54,12 +57,28 @@ def adopt(name: str, log: Path | None, stop: Stop, supervisor_pid: int | None) -
         os.dup2(descriptor, 1)
         os.dup2(descriptor, 2)
         os.close(descriptor)
+        sys.stdout, sys.stderr = _log(1), _log(2)
+        log_.begin(name)
     if supervisor_pid is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         os.setsid()
         _leave_forkserver()
         watch = threading.Thread(target=_end_with, args=(supervisor_pid, stop), daemon=True)
         watch.start()
+
+
+class _Log(io.FileIO):
+    """A log on a full disk loses lines; it never stops the process that writes it."""
+
+    def write(self, data: Any) -> int:
+        with contextlib.suppress(OSError):
+            return super().write(data)
+        return len(data)
+
+
+def _log(descriptor: int) -> io.TextIOWrapper:
+    buffer = io.BufferedWriter(_Log(descriptor, "w", closefd=False))
+    return io.TextIOWrapper(buffer, errors="backslashreplace", line_buffering=True)
 
 
 def _leave_forkserver() -> None:
@@ -75,6 +94,11 @@ def _leave_forkserver() -> None:
         os.close(alive)
         server._forkserver_alive_fd = None
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGCONT)
+
+
+def end_with_parent() -> None:
+    """To be called in a child before it becomes another program: it ends when its parent does."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def heed_signals(stop: Stop) -> None:

@@ -31,9 +31,15 @@ Tick = Annotated[int, msgspec.Meta(ge=0, le=2**40)]
 Stamp = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
 
 Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
-# Why a robot says FAILED: it touched something; its frame cannot be true; it walked round all that
-# is between it and its goal, both ways; it tried for too long; its leader has failed.
-Reason = Literal["", "contact", "sensors", "enclosed", "too-long", "leader"]
+# Why a robot says FAILED or HOLD: it touched something; its sensors cannot be trusted; its motors
+# do not follow; it walked round all that is between it and its goal, both ways; it tried for too
+# long; its leader has failed.
+Reason = Literal["", "contact", "sensors", "motors", "enclosed", "too-long", "leader"]
+
+
+# Of an array. Where one side is 0 the others could be anything, and numpy does not take that.
+SIDES_MAX = 3
+SIDE_MAX = 65_536
 
 
 # --- pieces -------------------------------------------------------------------------------------
@@ -48,10 +54,14 @@ class Array(msgspec.Struct, frozen=True, array_like=True):
 
     def __post_init__(self) -> None:
         expected = prod(self.shape) * (8 if self.dtype == "<f8" else 4)
-        if len(self.data) != expected or any(side < 0 for side in self.shape):
+        if len(self.data) != expected:
             raise ValueError(
                 f"expected {expected} bytes for shape {self.shape} of {self.dtype}, "
                 f"got {len(self.data)}"
+            )
+        if len(self.shape) > SIDES_MAX or not all(0 <= side <= SIDE_MAX for side in self.shape):
+            raise ValueError(
+                f"expected at most {SIDES_MAX} sides of 0 to {SIDE_MAX}, got {self.shape}"
             )
 
     def numpy(self) -> npt.NDArray[Any]:
@@ -87,16 +97,23 @@ class Slot(msgspec.Struct, frozen=True, array_like=True):
 class Leadership(msgspec.Struct, frozen=True, array_like=True):
     """A claim to lead: higher term first, then the better (smaller) priority key, then the name."""
 
-    term: int
+    term: Annotated[int, msgspec.Meta(ge=0, le=2**40)]
     key: tuple[int, int, int, int]
     name: Name
+
+
+def leadership_order(leadership: Leadership) -> tuple[int, tuple[int, int, int, int], str]:
+    """Sorting key of leaderships, the highest first: later term, better claim, name."""
+    return (-leadership.term, leadership.key, leadership.name)
 
 
 class Beacon(msgspec.Struct, frozen=True, array_like=True):
     """What a robot tells its peers about itself; the only thing they ever know of it.
 
-    `priority` is the claim of eq. 65 and 66 in rounded integers, smaller passes first. The
-    formation heading theta_F and its rate are those of a leader, zero otherwise.
+    `priority` is the claim of eq. 65 and 66 in rounded integers, smaller passes first. Everybody in
+    a formation passes on the highest leadership, the newest sign of life of its leader, and where
+    the formation goes; so these reach whoever does not hear the leader. The formation heading
+    theta_F and its rate are those of a leader, zero otherwise.
     """
 
     name: Name
@@ -112,12 +129,15 @@ class Beacon(msgspec.Struct, frozen=True, array_like=True):
     slot: Slot | None = None
     bearing_now_rad: Finite = 0.0  # alpha_now, the slot's bearing after the bearing switch
     leadership: Leadership | None = None  # the highest this robot knows; its own when it leads
+    leader_tick: Tick | None = None  # newest at which that leader led; None: silent for too long
+    fit: bool = False  # whether it would lead
+    assignments: tuple[tuple[Name, Slot], ...] = ()  # of a leader: slots that are to change
     goal: Vec2 | None = None
     via: tuple[Vec2, ...] = ()  # way-points still ahead, before the goal
     formation_heading_rad: Finite = 0.0
     formation_turn_rate_radps: Finite = 0.0
     yields_to: Name | None = None
-    reason: Reason = ""  # of FAILED
+    reason: Reason = ""  # of FAILED and HOLD
 
 
 class Arc(msgspec.Struct, frozen=True, array_like=True):
@@ -151,6 +171,10 @@ class Trace(msgspec.Struct, frozen=True, array_like=True):
     speed_limit_mps: Finite = 0.0  # what braking guard and peer guard allowed
     limited_by: str = ""  # "" | "brake" | the peer's name
 
+    def __post_init__(self) -> None:
+        if self.sectors.dtype != "<f4" or len(self.sectors.shape) != 1:
+            raise ValueError(f"expected sectors as (sectors,) of <f4, got {self.sectors.dtype}")
+
 
 # --- what travels -------------------------------------------------------------------------------
 
@@ -166,15 +190,16 @@ class SensorFrame(msgspec.Struct, frozen=True, array_like=True):
     wheels: Wheels
     contact: bool
     ranges: (
-        Array  # (beams,) float32 m; beam k looks to geometry.sector_centres(beams)[k]; inf: miss
+        Array  # (beams,) float32 m; beam k looks to geometry.sector_centres(beams)[k]; inf: miss,
+        # NaN: nothing is known there, as in REP 117
     )
     beacons: tuple[Beacon, ...] = ()  # those audible, normally of the tick before
 
     def __post_init__(self) -> None:
         if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:
             raise ValueError(f"expected ranges as (beams,) of <f4, got {self.ranges.dtype}")
-        if not (self.ranges.numpy() >= 0.0).all():
-            raise ValueError("expected ranges that are numbers >= 0")
+        if (self.ranges.numpy() < 0.0).any():
+            raise ValueError("expected ranges >= 0, inf or NaN")
 
     def ranges_m(self) -> Ranges:
         """(beams,) float32, read-only."""
@@ -200,7 +225,9 @@ EventKind = Literal[
     "robot-hung",
     "robot-returned",
     "fault",
+    "fault-over",
     "fault-failed",
+    "world-resumed",
     "collision",
     "message-rejected",
     "recording",
@@ -208,8 +235,31 @@ EventKind = Literal[
 ]
 
 
+Level = Literal["info", "warn", "error"]
+_LEVELS: dict[EventKind, Level] = {
+    "fault": "warn",
+    "fault-failed": "error",
+    "world-resumed": "warn",
+    "robot-missing": "error",
+    "robot-lost": "warn",
+    "robot-hung": "warn",
+    "collision": "error",
+    "message-rejected": "warn",
+    "recording": "error",
+}
+
+
+def level_of(kind: EventKind) -> Level:
+    """How bad it is."""
+    return _LEVELS.get(kind, "info")
+
+
 class Event(msgspec.Struct, frozen=True, array_like=True):
-    """Something worth telling a person, and replay."""
+    """Something worth telling a person, and replay.
+
+    `robot-started` with an incarnation above 0 tells that the robot begins again, remembering
+    nothing. What one fault does to several robots is an event for each, with the same number.
+    """
 
     tick: Tick
     stamp_ns: Stamp
@@ -217,19 +267,34 @@ class Event(msgspec.Struct, frozen=True, array_like=True):
     robot: Name | None = None
     text: str = ""
     incarnation: int = 0
+    fault: str = ""  # kind, of the events about faults
+    number: int = -1  # of the fault in this run
+
+
+# What the world makes of a robot. Neither waited for nor sent anything: those that are lost (its
+# token has gone), hung (it does not answer), killed (by a fault), restarting, missing (never came).
+RobotState = Literal[
+    "starting", "running", "collided", "lost", "hung", "killed", "restarting", "missing"
+]
 
 
 class RobotStatus(msgspec.Struct, frozen=True):
     """One row of `swarm status`."""
 
     name: Name
-    state: Literal["starting", "running", "lost", "hung", "killed", "collided", "missing"]
+    state: RobotState
     mode: str
     leader: str
     arrived: bool
     late_commands: int
     error_m: float | None
     reason: str = ""  # why it says FAILED
+    restarts: int = 0
+    heard: int = 0  # peers whose beacons were in its newest frame
+    yields_to: str = ""
+    commands_per_s: float = 0.0  # wall, since the status before
+    command_age_s: float | None = None  # wall, since its newest command; None before the first
+    unanswered: int = 0  # ticks from the newest frame that it answered to the newest it was sent
 
 
 class Status(msgspec.Struct, frozen=True):
@@ -240,11 +305,13 @@ class Status(msgspec.Struct, frozen=True):
     tick: Tick
     stamp_ns: Stamp
     clock: Literal["lockstep", "realtime"]
-    state: Literal["starting", "running", "ended"]
+    state: Literal["starting", "running", "paused", "ended"]
     duration_s: float  # simulation time at which the run times out
-    real_time_factor: float
+    real_time_factor: float  # over all of it, pauses left out
     robots: tuple[RobotStatus, ...]
     rejected_messages: int = 0
+    rate: float = 0.0  # x real time that is kept to; 0: as fast as it goes
+    real_time_factor_now: float = 0.0  # since the status before
 
 
 class ScenarioRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -256,14 +323,24 @@ class ScenarioRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ControlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The command line asks something of the world."""
 
-    action: Literal["status", "stop"]
+    action: Literal["status", "stop", "fault"]
+    spec: Annotated[str, msgspec.Meta(max_length=2000)] = ""  # of the fault; without @ it is now
+
+
+ProcessAction = Literal["kill", "stop", "continue", "start", "inspect"]
 
 
 class ProcessRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The world asks the supervisor to do something to a robot's process, exactly now."""
+    """The world asks the supervisor to do something to a process, exactly now.
 
-    robot: Name
-    action: Literal["kill"]
+    The answer comes when it is done: kill, when the process is gone; stop and continue, when the
+    signal has its effect; start, when the new process runs (it says itself when it is ready).
+    `inspect` answers with a text that begins with dead, stopped or running.
+    """
+
+    robot: Name  # or `world`, which can only be killed
+    action: ProcessAction
+    incarnation: Annotated[int, msgspec.Meta(ge=0, le=2**31)] = 0  # of the one to start
 
 
 class Reply(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -287,6 +364,7 @@ class RobotRecord(msgspec.Struct, frozen=True, array_like=True):
     applied: Twist  # the set-point of this tick's command, zero when there is none in force
     beacon: Beacon | None  # newest it published, this tick's included; None before its first
     obstacle_clearance_m: float  # body surface to the nearest obstacle's; inf without obstacles
+    excused: bool = False  # the contact: motors or a lidar with a fault, its own or the other's
 
 
 class FrameRecord(msgspec.Struct, frozen=True, array_like=True):
@@ -299,6 +377,12 @@ class FrameRecord(msgspec.Struct, frozen=True, array_like=True):
     contact: bool
     ranges: Array
     heard: Array  # (beacons, 2) int32: row of the speaker, tick of its beacon
+
+    def __post_init__(self) -> None:
+        if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:
+            raise ValueError(f"expected ranges as (beams,) of <f4, got {self.ranges.dtype}")
+        if self.heard.dtype != "<i4" or self.heard.shape[1:] != (2,):
+            raise ValueError(f"expected heard as (beacons, 2) of <i4, got {self.heard.shape}")
 
 
 class TickRecord(msgspec.Struct, frozen=True, array_like=True):
@@ -376,6 +460,11 @@ def key(row: Topic | Query, run: str, robot: str = "*") -> str:
 def alive_key(run: str, role: str = "*", name: str = "*") -> str:
     """Key of a liveliness token."""
     return ALIVE_KEY.format(run=run, role=role, name=name)
+
+
+def token_name(robot: str, incarnation: int) -> str:
+    """Name in a robot's liveliness token; each process of it has its own."""
+    return robot if incarnation == 0 else f"{robot}.{incarnation}"
 
 
 def parse_alive_key(text: str) -> tuple[str, str] | None:

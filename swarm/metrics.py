@@ -10,12 +10,14 @@ and in tests. What adds up from tick to tick is in swarm.score.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from math import inf
 from typing import Literal
 
 import msgspec
 
 from swarm import geometry
+from swarm.messages import TickRecord
 from swarm.scenario import Expect, Scenario
 from swarm.score import (
     Fault,
@@ -36,6 +38,7 @@ __all__ = [
     "ended",
     "formation_error_now",
     "observe",
+    "of_records",
     "summary",
 ]
 
@@ -77,7 +80,7 @@ class PriorityRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LeaderRow(msgspec.Struct, frozen=True, kw_only=True):
-    """From this tick on the highest leadership that anyone follows."""
+    """From this tick on all live members of the formation followed this leader, who lived."""
 
     tick: int
     name: str
@@ -90,8 +93,9 @@ class FaultRow(msgspec.Struct, frozen=True, kw_only=True):
     kind: str
     target: str
     tick: int
-    detected_s: float | None  # until the world took the robot for dead
-    recovered_s: float | None  # until every live robot with a leader had a live one
+    over_s: float | None  # how long it lasted; None: to the end
+    detected_s: float | None  # until the world took the robot for lost and nobody followed it
+    recovered_s: float | None  # until all followed one live leader, within 0.1 m of their slots
 
 
 class RecordingRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -120,7 +124,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     robots: int
     arrived: int
     outcome: Outcome
-    collisions: int  # bodies that touched something
+    collisions: int  # bodies that touched something, but for those that a fault excuses
+    collisions_excused: int  # the fault was of the motors or the lidar, its own or the other's
     ticks: int  # the last tick's number
     sim_time_s: float
     wall_time_s: float | None
@@ -137,6 +142,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     late_commands: int
     commands_total: int
     recording: RecordingRow | None
+    world_restarts: int
     state_hash: str | None
     expect: ExpectRow
 
@@ -152,6 +158,15 @@ class Facts(msgspec.Struct, frozen=True, kw_only=True):
     late_commands: int = 0
     recording: RecordingRow | None = None
     restarts: dict[str, int] = {}  # by robot's name; absent: 0
+    world_restarts: int = 0
+
+
+def of_records(scenario: Scenario, records: Iterable[TickRecord]) -> Score:
+    """Score of ticks that have been recorded, in order."""
+    score = begin(scenario)
+    for record in records:
+        observe(score, record)
+    return score
 
 
 def summary(score: Score, facts: Facts) -> Summary:
@@ -166,8 +181,8 @@ def summary(score: Score, facts: Facts) -> Summary:
         row.arrival_s for row in rows if row.outcome == "arrived" and row.arrival_s is not None
     ]
     everyone = all(
-        outcome in ("arrived", "killed")
-        for outcome, mission in zip(outcomes, score.missions, strict=True)
+        outcome in ("arrived", "killed") or tally.excused
+        for outcome, mission, tally in zip(outcomes, score.missions, score.tallies, strict=True)
         if mission
     )
     sim_time_s = score.tick * scenario.dt_s
@@ -180,7 +195,8 @@ def summary(score: Score, facts: Facts) -> Summary:
         robots=len(rows),
         arrived=outcomes.count("arrived"),
         outcome=_run_outcome(score, outcomes),
-        collisions=sum(tally.contact for tally in score.tallies),
+        collisions=sum(tally.contact and not tally.excused for tally in score.tallies),
+        collisions_excused=sum(tally.contact and tally.excused for tally in score.tallies),
         ticks=score.tick,
         sim_time_s=sim_time_s,
         wall_time_s=facts.wall_time_s,
@@ -203,6 +219,7 @@ def summary(score: Score, facts: Facts) -> Summary:
         late_commands=facts.late_commands,
         commands_total=score.commands_total,
         recording=facts.recording,
+        world_restarts=facts.world_restarts,
         state_hash=score.hash.hexdigest() if facts.clock == "lockstep" else None,
         expect=ExpectRow(met=[], missed=[]),
     )
@@ -244,10 +261,13 @@ def _outcome(tally: Tally, mission: bool) -> RobotOutcome:
 
 
 def _run_outcome(score: Score, outcomes: list[RobotOutcome]) -> Outcome:
-    """Collided before failed before timeout; a run that nobody survives has failed too."""
-    if any(tally.contact for tally in score.tallies):
+    """Collided before failed before timeout; a run that nobody survives has failed too.
+
+    A contact that a fault excuses takes its robot out, as a kill does.
+    """
+    if any(tally.contact and not tally.excused for tally in score.tallies):
         return "collided"
-    if "failed" in outcomes or not any(tally.alive for tally in score.tallies):
+    if "failed" in outcomes or not any(t.alive and not t.contact for t in score.tallies):
         return "failed"
     if score.faults_failed:
         return "failed"
@@ -312,6 +332,7 @@ def _fault_row(scenario: Scenario, fault: Fault) -> FaultRow:
         kind=fault.kind,
         target=scenario.robots[fault.row].name,
         tick=fault.tick,
+        over_s=since_s(fault.over_tick),
         detected_s=since_s(fault.detected_tick),
         recovered_s=since_s(fault.recovered_tick),
     )

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from swarm import errors
+from swarm import errors, playback
 
 MCAP = "run.mcap"
 RRD = "run.rrd"
@@ -64,7 +64,7 @@ def new_folder(out: Path | None, scenario: str) -> Path:
 
 def _holds_run(folder: Path) -> bool:
     try:
-        return (folder / MCAP).exists() or (folder / SUMMARY).exists()
+        return playback.next_segment(folder / MCAP) > 0 or (folder / SUMMARY).exists()
     except OSError as error:  # a name that is too long
         raise errors.UsageError(f"--out {folder}: {error.strerror}") from error
 
@@ -97,9 +97,25 @@ def new_run_id(folder: Path) -> str:
     return f"{name[:80]}-{secrets.token_hex(2)}"
 
 
+def hold_room(path: Path, size_bytes: int) -> None:
+    """Take room on the disk for a file that is to be written even if the disk is full by then."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(_room(path), os.O_WRONLY | os.O_CREAT, 0o644)
+        try:
+            os.posix_fallocate(descriptor, 0, size_bytes)
+        finally:
+            os.close(descriptor)
+
+
+def _room(path: Path) -> Path:
+    return path.with_name(f"{path.name}.room")
+
+
 def write_whole(path: Path, data: bytes) -> str | None:
     """Write a file whole or not at all; what went wrong, None when nothing did."""
     part = path.with_name(f"{path.name}.part")
+    with contextlib.suppress(OSError):
+        _room(path).unlink(missing_ok=True)
     try:
         part.write_bytes(data)
         part.replace(path)
@@ -114,7 +130,7 @@ def recording(run: Path) -> Path:
     """MCAP of a RUN given as folder or file; raises UsageError when there is none."""
     try:
         path = run / MCAP if run.is_dir() else run
-        there = path.is_file()
+        there = any(one.is_file() for one in playback.segment_paths(path))
     except OSError as error:
         raise errors.UsageError(f"{run}: {error.strerror}") from error
     if not there:

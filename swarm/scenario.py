@@ -13,12 +13,14 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from math import pi
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 import msgspec
 from msgspec import Meta
 
 from swarm import errors, geometry, shapes
+from swarm import faults as faults_
+from swarm.faults import Fault
 from swarm.messages import Name, Slot
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
@@ -268,12 +270,19 @@ class Recording(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     flush_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 0.5  # wall
 
 
-class Fault(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Something that goes wrong on purpose, at an exact tick."""
+class Restart(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is done about processes that end or hang before the run does.
 
-    kind: Literal["kill"]
-    target: Name  # a robot's name
-    at_s: NotNegative  # simulation time; becomes tick round(at_s / dt_s)
+    `on-failure`: started again when it was killed, crashed or hung. `always`: also when it ended
+    by itself. All times of robots are simulated, those of the world are of the wall.
+    """
+
+    robot: Literal["never", "on-failure", "always"] = "never"
+    world: Literal["never", "on-failure", "always"] = "on-failure"
+    restart_max: Annotated[int, Meta(ge=0, le=10_000)] = 5  # of one process within the window
+    restart_window_s: Positive = 60.0
+    restart_delay_s: NotNegative = 0.5  # before the first; doubles with every one in the window
+    hang_timeout_s: Positive = 2.0  # without a sign of life it is taken for hung, and killed
 
 
 class Expect(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -334,7 +343,8 @@ class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
     random_obstacles: RandomObstacles | None = None
     formation: Formation | None = None
     recording: Recording = Recording()
-    faults: tuple[Fault, ...] = ()
+    restart: Restart = Restart()
+    faults: Annotated[tuple[Fault, ...], Meta(max_length=10_000)] = ()
     expect: Expect = Expect()
 
     def __post_init__(self) -> None:
@@ -353,13 +363,13 @@ class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError(
                 f"expected formation.leader to be one of {names}, got '{self.formation.leader}'"
             )
-        for where, name in [
-            *((f"faults[{i}].target", fault.target) for i, fault in enumerate(self.faults)),
-            *(("expect.mirror_pairs", name) for pair in self.expect.mirror_pairs for name in pair),
-        ]:
+        for name in (name for pair in self.expect.mirror_pairs for name in pair):
             if name not in names:
-                raise ValueError(f"expected {where} to be one of {names}, got '{name}'")
+                raise ValueError(f"expected expect.mirror_pairs to be one of {names}, got '{name}'")
         for i, fault in enumerate(self.faults):
+            problem = faults_.problem_of(fault, names)
+            if problem is not None:
+                raise ValueError(f"faults[{i}].target: {problem}")
             ticks = fault.at_s / self.dt_s
             if abs(ticks - round(ticks)) > 1e-6:
                 raise ValueError(
@@ -476,6 +486,12 @@ class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
             dt_s=self.dt_s,
             leads=formation is not None and formation.leader == name,
             slot=every[row],
+            places=tuple(
+                sorted(
+                    (slot for slot in every if slot is not None),
+                    key=lambda slot: (slot.distance_m, slot.bearing_rad),
+                )
+            ),
             formation=formation,
             slot_distance_m_max=max([slot.distance_m for slot in every if slot], default=0.0),
             **{field: getattr(self, field) for field in Shared.__struct_fields__},
@@ -488,8 +504,9 @@ class RobotSetup(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
     row: int
     robot: Robot
     dt_s: float
-    leads: bool
-    slot: Slot | None
+    leads: bool  # at the start, as far as nobody was elected since
+    slot: Slot | None  # at the start
+    places: tuple[Slot, ...]  # all slots of the formation; their order tells nothing
     formation: Formation | None
     slot_distance_m_max: float  # d_max of the formation, for the heading's rate limit
 
@@ -532,7 +549,7 @@ def decode(
     if duration_s is not None:
         raw["duration_s"] = duration_s
     if faults:
-        raw["faults"] = [*_rows(raw, "faults", where), *(_parse_fault(spec) for spec in faults)]
+        raw["faults"] = [*_rows(raw, "faults", where), *(faults_.table(spec) for spec in faults)]
     defaults = raw.get("robot", {})
     _convert(defaults, RobotParameters, where, "robot")
     if "line" in raw:
@@ -551,6 +568,20 @@ def decode(
             {**defaults, **row} if isinstance(row, dict) else row for row in raw["robots"]
         ]
     return _convert(raw, Scenario, where)
+
+
+def fault(spec: str, *, at_s: float, names: Sequence[str]) -> Fault:
+    """Fault of one text, for a swarm that runs; raises ScenarioError.
+
+    Args:
+        at_s: when it begins if the text does not say.
+        names: robots of the swarm.
+    """
+    table = faults_.table(spec, at_s=at_s, where="fault")
+    found: Fault = _convert(table, cast("type[Fault]", Fault), f"fault {spec}")
+    if (problem := faults_.problem_of(found, names)) is not None:
+        raise errors.ScenarioError(f"fault: {spec}: {problem}")
+    return found
 
 
 def to_builtins(scenario: Scenario) -> dict[str, Any]:
@@ -642,36 +673,6 @@ def _set(raw: dict[str, Any], setting: str) -> None:
         )
 
 
-_FAULT = re.compile(
-    r"^(?P<kind>[a-z-]+):(?P<target>[^@+,]+)@(?P<at>[0-9.eE-]+)(?:\+(?P<lasts>[0-9.eE-]+))?"
-    r"(?P<others>(?:,[a-z_]+=[^,]*)*)$"
-)
-
-
-def _parse_fault(spec: str) -> dict[str, Any]:
-    """Table of a fault as the command line writes it."""
-    match = _FAULT.match(spec.strip())
-    try:
-        if match is None:
-            raise ValueError
-        table: dict[str, Any] = {
-            "kind": match["kind"],
-            "target": match["target"],
-            "at_s": float(match["at"]),
-        }
-        if match["lasts"] is not None:
-            table["for_s"] = float(match["lasts"])
-        for pair in filter(None, match["others"].split(",")):
-            key, _, text = pair.partition("=")
-            table[key] = tomllib.loads(f"value = {text}")["value"]
-    except (ValueError, tomllib.TOMLDecodeError) as error:
-        raise errors.ScenarioError(
-            "--fault: expected kind:target@start_s[+for_s][,key=value] such as "
-            f"kill:robot3@9.6, got '{spec}'"
-        ) from error
-    return table
-
-
 def _is_row(table: Any, name: str) -> bool:
     return (
         isinstance(table, list) and name.isascii() and name.isdecimal() and int(name) < len(table)
@@ -682,6 +683,8 @@ def _table(table: Any, name: str) -> Any:
     return table.setdefault(name, {}) if isinstance(table, dict) else None
 
 
+_FAULT = re.compile(r"^faults\[([0-9]+)\]\Z")
+_KIND = re.compile(r"^(faults\[[0-9]+\]\.)?kind\Z")
 _PATH = re.compile(r"^(?P<text>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)
 
 
@@ -694,25 +697,30 @@ def _convert(raw: Any, type_: type[T], where: str, inside: str = "") -> T:
         text, path = match["text"], (match["path"] or "$").removeprefix("$").lstrip(".")
         found = _found(raw, path)
         full = ".".join(part for part in (inside, path) if part) or "the whole file"
-        text = _expected(text[0].lower() + text[1:], type_, path)
+        text = _expected(text[0].lower() + text[1:], type_, path, raw)
         got = "" if ", got" in text or found is None else f", got {found}"
         raise errors.ScenarioError(f"{where}: {full}: {text}{got}") from error
 
 
-def _expected(text: str, type_: Any, path: str) -> str:
+def _expected(text: str, type_: Any, path: str, raw: Any) -> str:
     """Text of msgspec's, with the known keys or values where it does not name them."""
     if "unknown field" in text:
-        name, known = text.split("`")[1], _known(type_, path)
+        name, known = text.split("`")[1], _known(type_, path, raw)
         return f"expected one of the keys {', '.join(known)}, got '{name}'"
     if "invalid enum value" in text:
-        return f"expected one of {', '.join(_known(type_, path))}"
+        return f"expected one of {', '.join(_known(type_, path, raw))}"
+    if _KIND.search(path) and "invalid value" in text:
+        return f"expected one of {', '.join(faults_.KINDS)}"
     if "missing required field" in text:
         return f"expected the key '{text.split('`')[1]}', got none"
     return text
 
 
-def _known(type_: Any, path: str) -> list[str]:
+def _known(type_: Any, path: str, raw: Any) -> list[str]:
     """Keys of the table, or values of the choice, that a path of a type leads to."""
+    if fault := _FAULT.match(path):
+        kind = raw["faults"][int(fault[1])]["kind"]
+        return ["kind", *faults_.KINDS[kind].__struct_fields__]
     info: Any = msgspec.inspect.type_info(type_)
     for step in [*re.findall(r"[^.\[\]]+", path), ""]:
         if isinstance(info, msgspec.inspect.UnionType):

@@ -23,6 +23,7 @@ from swarm.scenario import Scenario
 
 LINGER_S = 2.0  # a run goes on for so long after the last arrival
 PATIENCE_S = 10.0  # and for so much longer while a formation error exceeds what is expected
+SILENCING = ("kill", "restart", "hang")  # faults that take the mind away
 SETTLED_M = 0.1  # a formation has settled while every error is below this
 
 Ending = Literal["arrived", "blocked", "duration", "timeout", "stranded"]
@@ -34,7 +35,8 @@ class Tally(msgspec.Struct):
 
     alive: bool = True
     contact: bool = False
-    killed: bool = False  # by an injected fault
+    excused: bool = False  # that contact
+    killed: bool = False  # by an injected fault, and not back yet
     x_m: float = 0.0
     y_m: float = 0.0
     path_m: float = 0.0
@@ -57,6 +59,9 @@ class Fault(msgspec.Struct):
     kind: str
     row: int
     tick: int
+    number: int = -1  # in the run; several robots may share it
+    over_tick: int | None = None
+    lost: bool = False  # the world has taken the robot as lost
     detected_tick: int | None = None
     recovered_tick: int | None = None
 
@@ -67,7 +72,8 @@ class Score(msgspec.Struct, eq=False):
     scenario: Scenario
     rows: dict[str, int]
     tallies: list[Tally]
-    slots: list[Slot | None]  # nominal ones, of the followers
+    slots: list[Slot | None]  # at the start, of the followers
+    members: list[int]  # rows of the formation
     missions: list[bool]  # who has somewhere to arrive
     firsts: Indices  # (pairs,) row of the first of each pair of robots
     seconds: Indices
@@ -85,7 +91,8 @@ class Score(msgspec.Struct, eq=False):
     unsettled_tick: int | None = None  # last with an error of SETTLED_M or more
     avoid_tick: int | None = None  # last with a follower in AVOID
     symmetry_m: float | None = None
-    leadership: Leadership | None = None
+    leadership: Leadership | None = None  # agreed last
+    agreed: bool = False  # now
     leaders: list[tuple[int, Leadership]] = []  # from this tick on
     faults: list[Fault] = []
 
@@ -93,6 +100,7 @@ class Score(msgspec.Struct, eq=False):
 def begin(scenario: Scenario) -> Score:
     """Score of a run that has not begun."""
     count = len(scenario.robots)
+    slots, formation = scenario.slots(), scenario.formation
     radii_m = np.array([robot.body_radius_m for robot in scenario.robots])
     firsts, seconds = np.triu_indices(count, 1)
     rows = {robot.name: row for row, robot in enumerate(scenario.robots)}
@@ -100,7 +108,12 @@ def begin(scenario: Scenario) -> Score:
         scenario=scenario,
         rows=rows,
         tallies=[Tally() for _ in range(count)],
-        slots=scenario.slots(),
+        slots=slots,
+        members=[
+            row
+            for row, (robot, slot) in enumerate(zip(scenario.robots, slots, strict=True))
+            if slot is not None or (formation is not None and formation.leader == robot.name)
+        ],
         missions=_missions(scenario),
         firsts=firsts,
         seconds=seconds,
@@ -135,6 +148,7 @@ def observe(score: Score, record: TickRecord) -> None:
     _observe_guards(score, record)
     _observe_leadership(score, record.robots)
     _observe_errors(score, record.robots)
+    _observe_recovery(score, record.robots)
 
 
 def ended(score: Score) -> Ending | None:
@@ -217,14 +231,13 @@ def _observe_faults(score: Score, record: TickRecord) -> None:
         score.faults_failed += event.kind == "fault-failed"
         if event.kind == "fault" and event.robot in score.rows:
             row = score.rows[event.robot]
-            kinds = [
-                fault.kind
-                for fault in score.scenario.faults
-                if fault.target == event.robot and score.scenario.tick_of(fault.at_s) == event.tick
-            ]
-            score.faults.append(Fault(kinds[0] if kinds else "kill", row, event.tick))
-            if score.tallies[row].alive:
+            score.faults.append(Fault(event.fault, row, event.tick, event.number))
+            if score.tallies[row].alive and event.fault in SILENCING:
                 score.tallies[row].killed = True
+        if event.kind == "fault-over" and event.robot in score.rows:
+            for fault in score.faults:
+                if (fault.number, fault.row) == (event.number, score.rows[event.robot]):
+                    fault.over_tick = event.tick
 
 
 def _observe_bodies(score: Score, robots: tuple[RobotRecord, ...]) -> None:
@@ -235,6 +248,8 @@ def _observe_bodies(score: Score, robots: tuple[RobotRecord, ...]) -> None:
             tally.path_m += geometry.length(x_m - tally.x_m, y_m - tally.y_m)
         tally.x_m, tally.y_m = x_m, y_m
         tally.alive, tally.contact = robot.alive, robot.contact
+        tally.excused = robot.excused
+        tally.killed &= not robot.alive
         if robot.alive and robot.obstacle_clearance_m < score.clearance_obstacle_m:
             score.clearance_obstacle_m = robot.obstacle_clearance_m
         yields_to = None
@@ -278,33 +293,51 @@ def _observe_guards(score: Score, record: TickRecord) -> None:
 
 
 def _observe_leadership(score: Score, robots: tuple[RobotRecord, ...]) -> None:
-    """Which leadership is the highest that a live robot follows, and whether all leaders live."""
-    followed = {
-        robot.beacon.leadership
-        for robot in robots
-        if robot.alive and robot.beacon is not None and robot.beacon.leadership is not None
-    }
-    if followed:
-        highest = min(followed, key=lambda one: (-one.term, one.key, one.name))
-        if highest != score.leadership:
-            score.leadership = highest
-            score.leaders.append((score.tick, highest))
-    led = bool(followed) and all(
-        one.name in score.rows and robots[score.rows[one.name]].alive for one in followed
+    """Whether all live members of the formation follow one leader that lives, and which."""
+    claims = {_followed(robots[row]) for row in score.members if robots[row].alive}
+    claim = next(iter(claims), None)
+    score.agreed = (
+        len(claims) == 1
+        and claim is not None
+        and claim.name in score.rows
+        and robots[score.rows[claim.name]].alive
     )
+    if score.agreed and claim is not None and claim != score.leadership:
+        score.leadership = claim
+        score.leaders.append((score.tick, claim))
+
+
+def _followed(robot: RobotRecord) -> Leadership | None:
+    """Leadership that a live robot follows; one that it knows to be silent does not count."""
+    beacon = robot.beacon
+    if not robot.alive or beacon is None or beacon.leader_tick is None:
+        return None
+    return beacon.leadership
+
+
+def _observe_recovery(score: Score, robots: tuple[RobotRecord, ...]) -> None:
+    """A fault is detected once nobody follows the lost robot, and over when the rest is in order:
+    one leader for all, and every follower near its slot.
+    """
+    led = {claim.name for claim in map(_followed, robots) if claim is not None}
+    settled = score.agreed and (score.error_m is None or score.error_m <= SETTLED_M)
     for fault in score.faults:
-        if fault.detected_tick is None and not robots[fault.row].alive:
+        if fault.kind not in SILENCING:
+            continue
+        fault.lost |= not robots[fault.row].alive
+        gone = fault.lost and score.scenario.robots[fault.row].name not in led
+        if fault.detected_tick is None and gone:
             fault.detected_tick = score.tick
-        if fault.recovered_tick is None and fault.detected_tick is not None and led:
+        if fault.recovered_tick is None and fault.detected_tick is not None and settled:
             fault.recovered_tick = score.tick
 
 
 def _observe_errors(score: Score, robots: tuple[RobotRecord, ...]) -> None:
     """How far everybody is from where it should be, and who is there.
 
-    A robot with a goal of its own is measured by that, an elected leader by the goal it publishes,
-    a follower by its slot; it is there when its leader is too. While the leader it follows is dead
-    there is nothing to measure it by.
+    A leader is measured by the goal it publishes, a follower by its slot; it is there when its
+    leader is too. Who neither leads nor follows is measured by a goal of its own. While the leader
+    it follows is dead there is nothing to measure it by.
     """
     scenario = score.scenario
     followers: list[tuple[int, RobotRecord, int]] = []
@@ -314,17 +347,16 @@ def _observe_errors(score: Score, robots: tuple[RobotRecord, ...]) -> None:
         tally.follows = False
         if not robot.alive:
             continue
-        beacon = robot.beacon
-        leader = None
-        if beacon is not None and beacon.leadership is not None:
-            leader = score.rows.get(beacon.leadership.name)
-        goal = setup.goal
-        if goal is None and beacon is not None and leader == row:
-            goal = beacon.goal
-        if goal is not None:
-            _place(score, tally, goal, setup.goal_tolerance_m, robot.contact)
-        elif leader is not None and leader != row and score.slots[row] is not None:
+        beacon, goal = robot.beacon, setup.goal
+        claim = None if beacon is None else beacon.leadership
+        leader = None if claim is None else score.rows.get(claim.name)
+        if beacon is not None and leader == row:
+            goal = beacon.goal or goal
+        slot = score.slots[row] if beacon is None else beacon.slot or score.slots[row]
+        if leader is not None and leader != row and slot is not None:
             followers.append((row, robot, leader))
+        elif goal is not None:
+            _place(score, tally, goal, setup.goal_tolerance_m, robot.contact)
         else:
             tally.target, tally.error_m, tally.arrival_tick = None, None, None
     score.error_m = None

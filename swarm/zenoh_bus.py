@@ -146,7 +146,11 @@ class ZenohBus:
     # --- data ---
 
     def publish(self, topic: Topic, message: msgspec.Struct, robot: str = "") -> None:
-        """Encode and put; declares the publisher at the first use."""
+        """Encode and put."""
+        self.publish_raw(topic, messages.encode(message), robot)
+
+    def publish_raw(self, topic: Topic, payload: bytes, robot: str = "") -> None:
+        """Put; declares the publisher at the first use."""
         publisher = self._publishers.get((topic.name, robot))
         if publisher is None:
             publisher = self._publishers[(topic.name, robot)] = self._session.declare_publisher(
@@ -156,7 +160,7 @@ class ZenohBus:
                 else zenoh.CongestionControl.DROP,
             )
         try:
-            publisher.put(messages.encode(message))
+            publisher.put(payload)
         except zenoh.ZError as error:
             raise errors.BusError(f"the bus is closed: {_first_line(error)}") from error
 

@@ -91,13 +91,19 @@ def _made_tick(tick: int, robots: int, beams: int) -> TickRecord:
         )
         if tick:
             commands.append(messages.Command(beacon.name, tick, stamp_ns, twist, beacon, trace))
-    events = (messages.Event(tick, stamp_ns, "fault", "robot1", "kill"),) if tick == 10 else ()
+    events = (
+        (messages.Event(tick, stamp_ns, "fault", "robot1", "kill", fault="kill", number=0),)
+        if tick == 10
+        else ()
+    )
     return TickRecord(tick, stamp_ns, tuple(rows), tuple(frames), tuple(commands), events)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """How long the random campaigns are; `make test-kills` runs the full one."""
+    """How long the random campaigns are; `make test-kills`, `-fuzz`, `-soak` run the full ones."""
     parser.addoption("--kills", type=int, default=2, help="random kills of each kind (full: 20)")
+    parser.addoption("--fuzz", type=int, default=1, help="parts of the fuzzing (full: 50)")
+    parser.addoption("--soak", type=int, default=3, help="kill-and-restart cycles (full: 1000)")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -5,7 +5,10 @@ motion       set-point -> twist within the limits -> exact arc, or dynamics
 dynamics     twist asked for -> wheel torques -> eq. 16 -> twist and pose
 contact      who touches what on the way
 raycast      the lidar: beams against circles, edges and bodies
-radio        who hears whom
+faults       what is wrong on purpose: which faults are active, what they do to commands and motors
+sensors      lidars that fail
+radio        who hears whom, and what of it, how late
 simulation   the whole world, one tick: pure
+pulse        how fast answers come in, for people who watch
 process      the shell: keeps the pace, moves the messages, records
 """

@@ -1,6 +1,6 @@
 """One run over any bus: gather the robots, then tick by tick until it is over.
 
-    faults due -> sense -> frames out -> commands in -> record -> move
+    faults due -> checkpoint -> sense -> frames out -> commands in -> record -> move
 
 Pure functions of world.simulation do the work; this shell keeps the pace, moves the messages,
 notices who is gone and tells everyone what happened.
@@ -10,41 +10,56 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Protocol
 
 import msgspec
 
-from swarm import errors, lifetime, messages, metrics
+from swarm import faults, lifetime, metrics
 from swarm.bus import Bus
-from swarm.messages import (
-    COMMAND,
-    EVENT,
-    FRAME,
-    STATUS,
-    Command,
-    ControlRequest,
-    Event,
-    EventKind,
-    Reply,
-    RobotStatus,
-    ScenarioRequest,
-    SensorFrame,
-    Status,
-    TickRecord,
-)
+from swarm.messages import COMMAND, EVENT, FRAME, Command, SensorFrame, Status, TickRecord
 from swarm.scenario import Scenario
 from world import simulation
+from world.attendance import Attendance
+from world.checkpoint import Checkpoint
+from world.desk import Desk
+from world.injector import Injector
+from world.situation import Situation
 
-STATUS_PERIOD_S = 0.5  # wall
 BARRIER_POLL_S = 0.1  # how often a waiting world looks at the clock
-PROCESS_TIMEOUT_S = 10.0  # the supervisor's answer to a process fault
-STALL_S = 0.45  # between two looks at the clock; links time out after 0.5 s
-RETURN_S = 5.0  # a world that was stopped itself gives the others so long to come back
-SLEEP_S_MAX = 0.2  # how late a slow run notices that it should stop
+SLEEP_S_MAX = 0.02  # how late a sleeping world notices that it should stop, or who is gone
+STOPPING_S = 1.0  # a tick is given up when it does not end so long after a request to stop
+INSPECT_S = 1.0  # between two questions about a process that does not become ready
+CHECKPOINT_S = 0.9  # simulated, at most, between two checkpoints
 REJECTED_REPORTS_MAX = 20  # events about ignored messages; all of them are counted
 
 Observer = Callable[[TickRecord], None]
-RobotState = Literal["starting", "running", "lost", "hung", "killed", "collided", "missing"]
+
+
+class Keeper(Protocol):
+    """Where a run's memory is kept."""
+
+    def save(self, checkpoint: bytes) -> None:
+        """Keep a checkpoint in the place of the one before; everything observed is safe by then."""
+
+    def disk_full(self, full: bool) -> None:
+        """From now on the recorder's disk takes nothing, or takes all again."""
+
+
+class Nowhere:
+    """Keeper of a run that leaves nothing behind."""
+
+    def save(self, checkpoint: bytes) -> None:
+        """Not kept."""
+
+    def disk_full(self, full: bool) -> None:
+        """No disk."""
+
+
+class Resumed(msgspec.Struct, frozen=True, eq=False):
+    """Where a run goes on that another world began."""
+
+    checkpoint: Checkpoint | None  # None: it was killed before it had made one
+    score: metrics.Score  # of all ticks before
 
 
 class Conduct(msgspec.Struct):
@@ -56,6 +71,7 @@ class Conduct(msgspec.Struct):
     late_commands: int
     commands_total: int
     rejected_messages: int
+    restarts: dict[str, int]
 
 
 def conduct(
@@ -65,6 +81,8 @@ def conduct(
     stop: lifetime.Stop,
     *,
     supervised: bool = False,
+    keeper: Keeper | None = None,
+    resumed: Resumed | None = None,
     on_status: Callable[[Status], None] = lambda status: None,
     now: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
@@ -75,9 +93,14 @@ def conduct(
         observers: called with every TickRecord, inline, in order.
         stop: may be requested from anywhere; the tick at hand is finished first.
         supervised: pause while the supervisor's token is away (Ctrl-Z there).
+        keeper: where checkpoints go; without one none are made.
+        resumed: go on where another world was killed.
         on_status: called with what is also published twice a second.
     """
-    return _Conductor(bus, scenario, observers, stop, supervised, on_status, now, sleep).run()
+    conductor = _Conductor(
+        bus, scenario, observers, stop, supervised, keeper, on_status, now, sleep
+    )
+    return conductor.run(resumed)
 
 
 class _Conductor:
@@ -88,6 +111,7 @@ class _Conductor:
         observers: Sequence[Observer],
         stop: lifetime.Stop,
         supervised: bool,
+        keeper: Keeper | None,
         on_status: Callable[[Status], None],
         now: Callable[[], float],
         sleep: Callable[[float], None],
@@ -97,216 +121,285 @@ class _Conductor:
         self._observers = observers
         self._stop = stop
         self._supervised = supervised
-        self._on_status = on_status
+        self._keeper = keeper
         self._now = now
         self._sleep = sleep
-        self._world = simulation.build(scenario)
-        self._state = simulation.init(self._world)
+        self._lockstep = scenario.clock.mode == "lockstep"
+        self._run = Situation(scenario, lambda event: bus.publish(EVENT, event))
+        self._attendance = Attendance(bus, self._run, supervised=supervised, now=now)
+        self._injector = Injector(
+            bus,
+            self._run,
+            self._attendance,
+            ready=self._ready,
+            save=self._save,
+            disk_full=self._set_disk_full,
+        )
         self._score = metrics.begin(scenario)
-        self._robots: dict[str, RobotState] = {one.name: "starting" for one in scenario.robots}
-        self._late = dict.fromkeys(self._robots, 0)
-        self._commands_total = 0
-        self._events: list[Event] = []
+        self._desk = Desk(
+            bus,
+            self._run,
+            stop,
+            self._score,
+            on_status=on_status,
+            now=now,
+            wall_s=self._wall_s,
+        )
         self._reported: dict[str, int] = {}
-        self._newest: dict[str, Command] = {}
-        self._started_s = 0.0
-        self._beat_s = now()
-        self._patient_until_s = 0.0
-        self._status_due_s = 0.0
-        self._phase: Literal["starting", "running", "ended"] = "starting"
+        self._arrived: list[Command] = []  # in this tick, in order of arrival
+        self._started_s = 0.0  # when tick 0 was due
+        self._began_s: float | None = None  # when this world's first tick was
+        self._wall_before_s = 0.0  # of the worlds before this one
+        self._ready_until_s: dict[str, float] = {}
+        self._saved_tick = -1
+        self._checkpoint_ticks = max(1, int(CHECKPOINT_S / scenario.dt_s))
 
-    def run(self) -> Conduct:
+    def run(self, resumed: Resumed | None) -> Conduct:
         """See `conduct`."""
-        stop, bus = self._stop, self._bus
+        stop, bus, run, desk = self._stop, self._bus, self._run, self._desk
         stop.wake = bus.wake
+        if resumed is not None:
+            self._score = desk.score = resumed.score
+            if resumed.checkpoint is not None:
+                run.resume(resumed.checkpoint)
+                self._wall_before_s = resumed.checkpoint.wall_time_s
         bus.subscribe(COMMAND)
-        bus.serve(messages.SCENARIO, self._answer_scenario)
-        bus.serve(messages.CONTROL, self._answer_control)
+        desk.open()
         bus.announce("world", "world")
-        self._gather()
-        self._phase = "running"
-        self._beat_s = self._now()
-        self._started_s = self._now()
+        self._gather(resumed)
+        desk.phase = "running"
+        self._began_s = self._now()
+        self._started_s = self._began_s - run.tick * self._tick_s()
+        struck = resumed is not None and resumed.checkpoint is not None  # made behind the faults
         ended = None
         while ended is None:
             self._report_rejected()
-            self._inject_faults()
-            frames = simulation.sense(self._world, self._state)
+            desk.take_faults()
+            changed = False if struck else self._injector.strike()
+            struck = False
+            if changed or run.tick >= self._saved_tick + self._checkpoint_ticks:
+                self._save()
+            frames = desk.frames = simulation.sense(run.world, run.state)
             for frame in frames:
                 bus.publish(FRAME, frame, frame.robot)
+                run.change(frame.robot, sent_tick=frame.tick)
             commands = self._collect(frames)
-            record = simulation.record(
-                self._world, self._state, frames, commands, tuple(self._events)
-            )
-            self._events.clear()
+            record = simulation.record(run.world, run.state, frames, commands, tuple(run.events))
+            run.events.clear()
             metrics.observe(self._score, record)
             for observer in self._observers:
                 observer(record)
-            ended = metrics.ended(self._score) or stop.reason
-            self._publish_status()
+            ended = self._ended() or stop.reason
+            desk.publish()
             if ended is None:
-                newest = {command.robot: command for command in commands}
-                self._state = simulation.step(self._world, self._state, newest)
+                newest = {command.robot: command for command in record.commands}
+                run.state = simulation.step(run.world, run.state, newest)
                 self._notice_contacts()
-        self._phase = "ended"
-        self._status_due_s = 0.0
-        self._publish_status()
+        desk.close()
         return Conduct(
             score=self._score,
             ended=ended,
-            wall_time_s=self._now() - self._started_s,
-            late_commands=sum(self._late.values()),
-            commands_total=self._commands_total,
+            wall_time_s=self._wall_s(),
+            late_commands=sum(member.late_commands for member in run.members.values()),
+            commands_total=run.commands_total,
             rejected_messages=sum(bus.rejected().values()),
+            restarts={name: member.restarts for name, member in run.members.items()},
         )
 
-    # --- start ---
+    def _ended(self) -> str | None:
+        """Why it is over; as long as somebody is due to come back only time can end it."""
+        ended = metrics.ended(self._score)
+        expected = any(member.is_expected for member in self._run.members.values())
+        if expected and ended in ("arrived", "blocked", "stranded"):
+            timeout_tick = self._scenario.tick_of(self._scenario.duration_s)
+            return "timeout" if self._run.tick >= timeout_tick else None
+        return ended
 
-    def _gather(self) -> None:
+    def _gather(self, resumed: Resumed | None) -> None:
         """Wait until every robot has said ready; begin without those that do not come."""
+        attendance, run = self._attendance, self._run
         deadline_s = self._now() + self._scenario.clock.start_timeout_s
-        while self._stop.reason is None and (missing := self._absent()):
-            if self._now() >= deadline_s:
-                for name in missing:
-                    self._lose(name, "missing", "robot-missing", "did not come up in time")
+        inspect_s = self._now()
+        if resumed is None:
+            inspect_s += INSPECT_S  # later some may have died while there was no world
+        while self._stop.reason is None and (missing := attendance.absent()):
+            if self._now() >= inspect_s:
+                inspect_s = self._now() + INSPECT_S
+                missing = [name for name in missing if not attendance.is_dead(name)]
+            if self._now() >= deadline_s or not missing:
                 break
             self._bus.receive(BARRIER_POLL_S)
-            self._publish_status()
-        for name, state in self._robots.items():
-            if state == "starting":
-                self._robots[name] = "running"
-        self._event("start", None, self._scenario.title)
+            self._desk.publish()
+        attendance.open(stopping=self._stop.reason is not None)
+        attendance.beat()
+        if resumed is None:
+            run.event("start", None, self._scenario.title)
+        else:
+            attendance.be_patient()
+            run.event("world-resumed", None, f"goes on at tick {run.tick}")
+            full = any(isinstance(one.fault, faults.DiskFull) for one in run.state.active)
+            self._set_disk_full(full)
 
-    def _absent(self) -> list[str]:
-        alive = self._bus.alive()
-        return [
-            name
-            for name, state in self._robots.items()
-            if state in ("starting", "running") and ("robot", name) not in alive
-        ]
+    # --- what the injector needs ---
+
+    def _ready(self, name: str) -> bool | None:
+        """Whether a robot that was continued or started is ready. Lock-step waits for it."""
+        now_s = self._now()
+        until_s = self._ready_until_s.setdefault(name, now_s + self._scenario.clock.start_timeout_s)
+        inspect_s = now_s + INSPECT_S
+        while not self._attendance.has_token(name):
+            if self._now() >= until_s or self._stop.reason is not None:
+                del self._ready_until_s[name]
+                return False
+            if not self._lockstep:
+                return None
+            self._receive(BARRIER_POLL_S)
+            self._desk.publish()
+            self._pause_while_alone()
+            if self._now() >= inspect_s:
+                inspect_s = self._now() + INSPECT_S
+                if self._attendance.is_dead(name):
+                    until_s = 0.0
+        del self._ready_until_s[name]
+        self._attendance.be_patient(name)
+        return True
+
+    def _save(self) -> None:
+        """Make a checkpoint of this moment, between faults and frames."""
+        if self._keeper is not None:
+            self._saved_tick = self._run.tick
+            self._keeper.save(self._run.checkpoint(self._bus.run, self._wall_s()))
+
+    def _set_disk_full(self, full: bool) -> None:
+        if self._keeper is not None:
+            self._keeper.disk_full(full)
 
     # --- one tick ---
 
-    def _inject_faults(self) -> None:
-        for fault in self._scenario.faults:
-            name = fault.target
-            if self._scenario.tick_of(fault.at_s) != self._state.tick:
-                continue
-            if self._robots[name] not in ("running", "collided"):
-                self._event("fault", name, f"{fault.kind}: {name} is {self._robots[name]} already")
-                continue
-            request = messages.ProcessRequest(name, fault.kind)
-            try:
-                reply = self._bus.ask(messages.PROCESS, request, PROCESS_TIMEOUT_S)
-                problem = "" if reply.ok else reply.text
-            except errors.BusError as error:
-                problem = str(error)
-            if problem:
-                self._event("fault-failed", name, f"{fault.kind}: {problem}")
-            else:
-                self._lose(name, "killed", "fault", fault.kind)
-
     def _collect(self, frames: Sequence[SensorFrame]) -> tuple[Command, ...]:
-        """Commands of this tick in scenario order, by the clock of the scenario."""
-        self._newest = {}
-        if self._scenario.clock.mode == "realtime":
-            self._sleep_until_tick(self._state.tick + 1)
-            self._pause_while_alone()
-            while (delivery := self._bus.receive(0.0)) is not None:
-                self._take(delivery.message)
-            self._lose_absent()
-        else:
+        """Commands that take effect in this tick, by the clock of the scenario."""
+        self._arrived = []
+        if self._lockstep:
             self._barrier(frames)
-            self._sleep_until_tick(self._state.tick + 1)
-        return tuple(self._newest[name] for name in self._robots if name in self._newest)
+            self._sleep_until_tick(self._run.tick + 1)
+        else:
+            self._sleep_until_tick(self._run.tick + 1)
+            self._pause_while_alone()
+            while self._receive(0.0):
+                pass
+        self._attendance.notice_returns()
+        run = self._run
+        run.state, commands = simulation.hold_back(run.world, run.state, self._arrived)
+        return commands
+
+    def _receive(self, timeout_s: float) -> bool:
+        """Take one command, if one is there within the time."""
+        delivery = self._bus.receive(timeout_s)
+        if delivery is not None:
+            self._take(delivery.message)
+        return delivery is not None
 
     def _barrier(self, frames: Sequence[SensorFrame]) -> None:
+        attendance = self._attendance
         deadline_s = self._now() + self._scenario.clock.command_deadline_s
         waiting = self._waiting()
         while waiting:
             delivery = self._bus.receive(BARRIER_POLL_S)
-            self._beat()
+            attendance.beat()
             if delivery is not None:
                 self._take(delivery.message)
-                if delivery.message.robot in self._newest:
+                if self._has_answered(delivery.message.robot):
                     waiting.discard(delivery.message.robot)
                 continue
             self._pause_while_alone()
-            if self._now() < self._patient_until_s:
-                for frame in frames:  # it, or its answer, may have gone down with the link
-                    if frame.robot in waiting:
-                        self._bus.publish(FRAME, frame, frame.robot)
-                continue
-            self._lose_absent()
-            if self._now() >= deadline_s:
-                for name in sorted(waiting & self._waiting()):
-                    self._lose(name, "hung", "robot-hung", "no command before the deadline")
+            if self._stop.reason is not None:
+                deadline_s = min(deadline_s, self._now() + STOPPING_S)
+            for frame in frames:
+                if frame.robot in waiting and attendance.is_patient_with(frame.robot):
+                    # it, or its answer, may have gone down with the link
+                    self._bus.publish(FRAME, frame, frame.robot)
+            attendance.notice_losses()
+            self._desk.publish()
             waiting = self._waiting()
-
-    def _beat(self) -> None:
-        """Notice that this process was stopped for a while: its links have timed out meanwhile."""
-        now_s = self._now()
-        if now_s - self._beat_s > STALL_S:
-            self._patient_until_s = now_s + RETURN_S
-        self._beat_s = now_s
-
-    def _lose_absent(self) -> None:
-        """Lose those whose token is gone, unless it was we who were away."""
-        if self._now() >= self._patient_until_s:
-            for name in self._absent():
-                self._lose(name, "lost", "robot-lost", "its token is gone")
+            if self._now() >= deadline_s:
+                if self._stop.reason is not None:
+                    return
+                for name in sorted(waiting):
+                    attendance.hang(name, "no command before the deadline")
+                    self._run.change(name, owes=True)
+                waiting = self._waiting()
 
     def _waiting(self) -> set[str]:
+        """Who has not answered the frame of this tick."""
         return {
             name
-            for name, state in self._robots.items()
-            if state in ("running", "collided") and name not in self._newest
+            for name, member in self._run.members.items()
+            if member.is_present and member.answered_tick < member.sent_tick
         }
 
+    def _has_answered(self, name: str) -> bool:
+        member = self._run.members.get(name)
+        return member is not None and member.answered_tick >= member.sent_tick
+
     def _take(self, command: Command) -> None:
-        """Keep the newest command of a robot that is expected to send one; count the rest."""
-        name, tick = command.robot, self._state.tick
-        wrong = (
-            "from a stranger"
-            if name not in self._robots or command.beacon.name != name
-            else "for a tick that has not come"
-            if command.tick > tick or command.beacon.tick != command.tick
-            else "from a robot that is not expected to send any"
-            if self._robots[name] not in ("running", "collided")
-            else "older than one that came before"
-            if name in self._newest and self._newest[name].tick >= command.tick
-            else "for a tick that is over"
-            if command.tick < tick and self._scenario.clock.mode == "lockstep"
-            else ""
-        )
-        if wrong:
-            self._refuse(f"command {wrong}")
-            return
-        self._commands_total += 1
-        self._late[name] += command.tick < tick
-        self._newest[name] = command
+        """Keep a robot's answer to a frame of its own; count and report the rest.
+
+        Late answers are kept too, for replay: they tell what the robot has seen.
+        """
+        name, tick = command.robot, self._run.tick
+        member = self._run.members.get(name)
+        if member is None or command.beacon.name != name:
+            self._refuse("command from a stranger")
+        elif command.beacon.incarnation != member.incarnation:
+            self._refuse("command from a process that is not the robot's newest")
+        elif command.tick > member.sent_tick or command.beacon.tick != command.tick:
+            self._refuse("command for a frame that was not sent")
+        elif command.tick <= member.answered_tick:
+            if not self._attendance.is_patient_with(name):  # else it was asked twice
+                self._refuse("command for a frame that has been answered")
+        else:
+            self._run.commands_total += 1
+            self._desk.pulse.beat(name, self._now())
+            late = member.late_commands + (command.tick < tick and member.is_present)
+            self._run.change(name, answered_tick=command.tick, late_commands=late)
+            self._arrived.append(command)
 
     def _refuse(self, reason: str) -> None:
         self._reported[reason] = self._reported.get(reason, 0) + 1
         if self._reported[reason] == 1:
-            self._event("message-rejected", None, reason)
+            self._run.event("message-rejected", None, reason)
 
     def _report_rejected(self) -> None:
         """One event for each new kind of message that the bus has ignored."""
         for reason in self._bus.rejected():
             if reason not in self._reported and len(self._reported) < REJECTED_REPORTS_MAX:
                 self._reported[reason] = 0
-                self._event("message-rejected", None, reason)
+                self._run.event("message-rejected", None, reason)
+
+    def _notice_contacts(self) -> None:
+        run = self._run
+        for body, (name, member) in zip(run.state.bodies, run.members.items(), strict=True):
+            if body.contact and member.state == "running":
+                run.change(name, state="collided")
+                run.event("collision", name, "touched something and is stopped where it is")
+
+    # --- pace ---
+
+    def _tick_s(self) -> float:
+        """Wall time of a tick, 0: as fast as it goes."""
+        rate = self._scenario.clock.rate
+        if rate == 0.0:
+            return 0.0 if self._lockstep else self._scenario.dt_s
+        return self._scenario.dt_s / rate
 
     def _sleep_until_tick(self, tick: int) -> None:
-        rate = self._scenario.clock.rate
-        if self._scenario.clock.mode == "realtime" and rate == 0.0:
-            rate = 1.0
-        if rate > 0.0:
-            due_s = self._started_s + tick * self._scenario.dt_s / rate
+        tick_s = self._tick_s()
+        if tick_s > 0.0:
+            due_s = self._started_s + tick * tick_s
             while self._stop.reason is None and (left_s := due_s - self._now()) > 0.0:
                 self._sleep(min(left_s, SLEEP_S_MAX))
-                self._beat()
+                self._attendance.beat()
+                self._attendance.notice_losses()
 
     def _pause_while_alone(self) -> None:
         """Wait while the supervisor is stopped; when it is dead the kernel asks us to stop."""
@@ -316,78 +409,16 @@ class _Conductor:
         while self._stop.reason is None and not any(
             role == "supervisor" for role, _ in self._bus.alive()
         ):
-            self._sleep(0.02)
-            self._beat()
-            self._patient_until_s = self._now() + RETURN_S  # perhaps our own link was down
-        self._started_s += self._now() - paused_s  # a pause is no lost time
+            self._sleep(SLEEP_S_MAX)
+            self._attendance.beat()
+            self._attendance.be_patient()  # perhaps our own link was down
+        pause_s = self._now() - paused_s  # is no lost time
+        self._started_s += pause_s
+        if self._began_s is not None:
+            self._began_s += pause_s
 
-    def _notice_contacts(self) -> None:
-        for body, name in zip(self._state.bodies, self._robots, strict=True):
-            if body.contact and self._robots[name] == "running":
-                self._robots[name] = "collided"
-                self._event("collision", name, "touched something and is stopped where it is")
-
-    def _lose(self, name: str, state: RobotState, kind: EventKind, text: str) -> None:
-        self._robots[name] = state
-        self._state = simulation.lose(self._world, self._state, name)
-        self._event(kind, name, text)
-
-    def _event(self, kind: EventKind, robot: str | None, text: str) -> None:
-        tick = self._state.tick
-        event = Event(tick, self._scenario.stamp_ns(tick), kind, robot, text)
-        self._events.append(event)
-        self._bus.publish(EVENT, event)
-
-    # --- questions ---
-
-    def _answer_scenario(self, request: ScenarioRequest) -> Reply:
-        try:
-            setup = self._scenario.setup(request.robot)
-        except KeyError:
-            known = ", ".join(self._robots)
-            return Reply(False, f"expected one of {known}, got '{request.robot}'")
-        return Reply(True, body=msgspec.msgpack.encode(setup))
-
-    def _answer_control(self, request: ControlRequest) -> Reply:
-        if request.action == "stop":
-            self._stop.request("stopped by request")
-        return Reply(True, body=messages.encode(self._make_status()))
-
-    def _publish_status(self) -> None:
-        if self._now() >= self._status_due_s:
-            self._status_due_s = self._now() + STATUS_PERIOD_S
-            status = self._make_status()
-            self._bus.publish(STATUS, status)
-            self._on_status(status)
-
-    def _make_status(self) -> Status:
-        tick, scenario = self._state.tick, self._scenario
-        wall_s = self._now() - self._started_s if self._phase != "starting" else 0.0
-        rows = []
-        for body, (name, state) in zip(self._state.bodies, self._robots.items(), strict=True):
-            beacon = body.beacon
-            leader = beacon.leadership.name if beacon and beacon.leadership else ""
-            rows.append(
-                RobotStatus(
-                    name=name,
-                    state=state,
-                    mode=beacon.mode if beacon else "",
-                    leader=leader,
-                    arrived=bool(beacon and beacon.arrived),
-                    late_commands=self._late[name],
-                    error_m=metrics.formation_error_now(self._score, name),
-                    reason=beacon.reason if beacon else "",
-                )
-            )
-        return Status(
-            run=self._bus.run,
-            scenario=scenario.title,
-            tick=tick,
-            stamp_ns=scenario.stamp_ns(tick),
-            clock=scenario.clock.mode,
-            state=self._phase,
-            duration_s=scenario.duration_s,
-            real_time_factor=tick * scenario.dt_s / wall_s if wall_s > 0.0 else 0.0,
-            robots=tuple(rows),
-            rejected_messages=sum(self._bus.rejected().values()),
-        )
+    def _wall_s(self) -> float:
+        """Wall time of the ticks so far, of this world and of those before it."""
+        if self._began_s is None:
+            return self._wall_before_s
+        return self._wall_before_s + self._now() - self._began_s

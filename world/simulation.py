@@ -1,9 +1,10 @@
 """The whole world, one tick: pure.
 
-    commands(k) -> heed -> motion -> contact -> state(k + 1)          step
-                          (faults due at k + 1: the shell calls lose)
-    state(k) -> raycast, radio -> one SensorFrame per live robot      sense
-    state(k), frames(k), commands(k) -> TickRecord(k)                 record
+    commands(k) -> heed -> motors -> motion -> contact -> state(k + 1)     step
+                  (faults due at k + 1: relieve, inflict, lose, revive)
+    state(k) -> raycast, lidars, radio -> one SensorFrame per live robot   sense
+    commands that arrive -> hold_back -> commands(k)
+    state(k), frames(k), commands(k) -> TickRecord(k)                      record
 
 World is constant, WorldState is all that changes: plain numbers, so it can be stored and restored.
 """
@@ -18,7 +19,8 @@ from math import inf
 import msgspec
 import numpy as np
 
-from swarm.geometry import STILL, Floats, Pose, Twist, wrap_angle
+from swarm.faults import ActuatorStuck, DiskFull, Fault, SensorStuck
+from swarm.geometry import STILL, Floats, Pose, Ranges, Twist, length, wrap_angle
 from swarm.messages import (
     Array,
     Beacon,
@@ -30,8 +32,11 @@ from swarm.messages import (
     TickRecord,
 )
 from swarm.scenario import Obstacle, Scenario
-from world import contact, motion, radio, raycast, scene
+from world import contact, faults, motion, radio, raycast, scene, sensors
+from world.faults import Active, Held
 from world.scene import Scene
+
+TOUCH_M = 1e-9  # two bodies no further apart than this touch; sweep stops them to rounding
 
 
 class World(msgspec.Struct, frozen=True, eq=False):
@@ -56,6 +61,7 @@ class Body(msgspec.Struct, frozen=True, array_like=True):
     set_point: Twist = STILL  # of the newest command
     command_tick: int = -1  # the tick whose frame that command answers; -1 before the first
     beacon: Beacon | None = None  # of the newest command
+    excused: bool = False  # of that touch: a fault of its motors or lidar, or of the other's
 
 
 class WorldState(msgspec.Struct, frozen=True):
@@ -63,6 +69,9 @@ class WorldState(msgspec.Struct, frozen=True):
 
     tick: int
     bodies: tuple[Body, ...]  # in scenario order
+    active: tuple[Active, ...] = ()  # faults, in the order in which they began
+    history: radio.History = ()  # what was said, while a fault may bring it late or twice
+    held: tuple[Held, ...] = ()  # commands of slow robots, in order of arrival
 
 
 def build(scenario: Scenario) -> World:
@@ -108,13 +117,14 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
     bodies = _heed(world, state, commands.values())
 
     # Where each body would be, were it alone. A body that has touched something stands for good.
+    set_points = [_in_force(world, state, body) for body in bodies]
+    if state.active:
+        set_points = faults.driven(state.active, set_points, [body.alive for body in bodies])
     moved = [
         (body.pose, STILL)
         if body.contact
-        else motion.step(
-            robot, body.pose, body.twist, _in_force(world, state, body), dt_s=scenario.dt_s
-        )
-        for robot, body in zip(scenario.robots, bodies, strict=True)
+        else motion.step(robot, body.pose, body.twist, set_point, dt_s=scenario.dt_s)
+        for robot, body, set_point in zip(scenario.robots, bodies, set_points, strict=True)
     ]
 
     # Nobody gets further than to what it touches.
@@ -126,7 +136,14 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
         ends_m[row] = starts_m[row] + share * (ends_m[row] - starts_m[row])
         x_m, y_m = ends_m[row].tolist()
         moved[row] = (Pose(x_m, y_m, moved[row][0].yaw_rad), STILL)
+    excused = _excused(world, state, ends_m, touches)
 
+    history = state.history
+    if history:
+        beacons = [body.beacon for body in bodies]
+        history = radio.remember(
+            history, beacons, state.active, tick=state.tick, dt_s=scenario.dt_s
+        )
     return WorldState(
         state.tick + 1,
         tuple(
@@ -139,38 +156,123 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
                 body.set_point,
                 body.command_tick,
                 body.beacon,
+                body.excused or (row in excused and not body.contact),
             )
             for row, (body, (pose, twist), clearance_m) in enumerate(
                 zip(bodies, moved, _clearances_m(world, ends_m), strict=True)
             )
         ),
+        state.active,
+        history,
+        state.held,
     )
 
 
 def lose(world: World, state: WorldState, name: str) -> WorldState:
     """World in which a robot's mind is gone: silent, braking to rest, then an obstacle."""
-    bodies = list(state.bodies)
     row = world.rows[name]
-    bodies[row] = msgspec.structs.replace(bodies[row], alive=False, set_point=STILL)
-    return WorldState(state.tick, tuple(bodies))
+    body = msgspec.structs.replace(state.bodies[row], alive=False, set_point=STILL)
+    return _with_body(state, row, body)
+
+
+def revive(world: World, state: WorldState, name: str) -> WorldState:
+    """World in which a robot has a mind again: it stands until its first command and is silent.
+
+    What it said before is forgotten. Who has touched something stands for good all the same.
+    """
+    row = world.rows[name]
+    body = msgspec.structs.replace(
+        state.bodies[row],
+        alive=True,
+        set_point=STILL,
+        command_tick=state.tick - 1,
+        beacon=None,
+    )
+    revived = _with_body(state, row, body)
+    if state.history:
+        history = (*state.history[:row], (), *state.history[row + 1 :])
+        revived = msgspec.structs.replace(revived, history=history)
+    return revived
+
+
+def inflict(
+    world: World, state: WorldState, number: int, fault: Fault, rows: Sequence[int]
+) -> WorldState:
+    """World in which a fault has begun, before anything is sensed in this tick.
+
+    Args:
+        fault: any but those of processes.
+        rows: of the robots that it strikes; none: nothing happens, unless it strikes the world.
+    """
+    if not rows and not isinstance(fault, DiskFull):
+        return state
+    scenario = world.scenario
+    begun = faults.begin(number, fault, rows, state.tick, dt_s=scenario.dt_s)
+    history = state.history
+    if isinstance(fault, ActuatorStuck):
+        asked = [_in_force(world, state, body) for body in state.bodies]
+        taken = faults.stuck(state.active, asked)
+        begun = msgspec.structs.replace(begun, set_points=tuple(taken[row] for row in rows))
+    elif isinstance(fault, SensorStuck):
+        scans = _scans_m(world, state, rows)
+        begun = msgspec.structs.replace(begun, scans=tuple(sensors.scan(scan) for scan in scans))
+    elif radio.needs_history((begun,)) and not history:
+        beacons = [body.beacon for body in state.bodies]
+        history = radio.remember(
+            ((),) * len(beacons), beacons, (), tick=state.tick - 1, dt_s=scenario.dt_s
+        )
+    return msgspec.structs.replace(state, active=(*state.active, begun), history=history)
+
+
+def relieve(world: World, state: WorldState) -> tuple[WorldState, tuple[Active, ...]]:
+    """World without the faults that are over at this tick, and those, for the events."""
+    over = tuple(one for one in state.active if faults.is_over(one, state.tick))
+    if not over:
+        return state, ()
+    active = tuple(one for one in state.active if not faults.is_over(one, state.tick))
+    history = state.history if radio.needs_history(active) else ()
+    return msgspec.structs.replace(state, active=active, history=history), over
+
+
+def hold_back(
+    world: World, state: WorldState, commands: Iterable[Command]
+) -> tuple[WorldState, tuple[Command, ...]]:
+    """Commands that take effect in this tick, of those that arrive in it and before.
+
+    Those of a slow robot wait; when it is slow no more all the rest comes at once, likewise when
+    its mind is gone: nobody heeds them any more, but what it has sent is recorded.
+
+    Args:
+        commands: that arrive in this tick.
+    Returns:
+        in order of arrival, so that the last one of a robot is its newest.
+    """
+    late = faults.late_ticks(state.active, world.scenario.dt_s)
+    if not late and not state.held:
+        return state, tuple(commands)
+    due: list[Command] = []
+    held: list[Held] = []
+    for one in (*state.held, *(Held(state.tick, command) for command in commands)):
+        row = world.rows[one.command.robot]
+        ticks = late.get(row, 0) if state.bodies[row].alive else 0
+        if one.tick + ticks <= state.tick:
+            due.append(one.command)
+        else:
+            held.append(one)
+    return msgspec.structs.replace(state, held=tuple(held)), tuple(due)
 
 
 def sense(world: World, state: WorldState) -> tuple[SensorFrame, ...]:
     """What each live robot senses and hears, in scenario order.
 
     It hears the newest beacon of every live robot within radio range: in lock-step that of the
-    tick before.
+    tick before. Faults of lidars and links have their say.
     """
     scenario = world.scenario
     bodies = state.bodies
     live = [row for row, body in enumerate(bodies) if body.alive]
-    poses = [body.pose for body in bodies]
-    ranges_m = raycast.cast(world.lidar, poses, live)
-    alive = np.array([body.alive for body in bodies])
-    heard = radio.audible(scenario.radio.range_m, _positions_m(poses), alive)
-    beacons = [body.beacon for body in bodies if body.beacon is not None]
-    speakers = [row for row, body in enumerate(bodies) if body.beacon is not None]
-    hears = heard[:, speakers].tolist()
+    ranges_m = _scans_m(world, state, live)
+    heard = _beacons(world, state, live)
     stamp_ns = scenario.stamp_ns(state.tick)
     beams = ranges_m.shape[1]
     scans = ranges_m.astype("<f4").tobytes()
@@ -185,7 +287,7 @@ def sense(world: World, state: WorldState) -> tuple[SensorFrame, ...]:
             wheels=motion.wheels(scenario.robots[row], bodies[row].twist),
             contact=bodies[row].contact,
             ranges=Array("<f4", (beams,), scans[number * size : (number + 1) * size]),
-            beacons=tuple(compress(beacons, hears[row])),
+            beacons=heard[number],
         )
         for number, row in enumerate(live)
     )
@@ -217,6 +319,7 @@ def record(
                 _in_force(world, state, body),
                 body.beacon,
                 body.clearance_m,
+                body.excused,
             )
             for body in bodies
         ),
@@ -251,6 +354,66 @@ def frame_of(
     )
 
 
+def _scans_m(world: World, state: WorldState, rows: Sequence[int]) -> Ranges:
+    """(rows, beams) what the lidars of some robots show."""
+    ranges_m = raycast.cast(world.lidar, [body.pose for body in state.bodies], rows)
+    if not state.active:
+        return ranges_m
+    return sensors.disturb(
+        ranges_m,
+        rows,
+        state.active,
+        range_m=world.lidar.range_m,
+        seed=world.scenario.seed,
+        tick=state.tick,
+    )
+
+
+def _beacons(world: World, state: WorldState, listeners: Sequence[int]) -> list[tuple[Beacon, ...]]:
+    """What each listener hears, speakers in scenario order."""
+    scenario, bodies = world.scenario, state.bodies
+    alive = np.array([body.alive for body in bodies])
+    positions_m = _positions_m(body.pose for body in bodies)
+    heard = radio.audible(scenario.radio.range_m, positions_m, alive)
+    if state.active:
+        heard = radio.carried(heard, state.active, seed=scenario.seed, tick=state.tick)
+    if state.history:
+        return radio.arriving(
+            heard,
+            state.history,
+            state.active,
+            listeners,
+            seed=scenario.seed,
+            tick=state.tick,
+            dt_s=scenario.dt_s,
+        )
+    beacons = [body.beacon for body in bodies if body.beacon is not None]
+    speakers = [row for row, body in enumerate(bodies) if body.beacon is not None]
+    hears = heard[:, speakers].tolist()
+    return [tuple(compress(beacons, hears[row])) for row in listeners]
+
+
+def _with_body(state: WorldState, row: int, body: Body) -> WorldState:
+    bodies = list(state.bodies)
+    bodies[row] = body
+    return msgspec.structs.replace(state, bodies=tuple(bodies))
+
+
+def _excused(
+    world: World, state: WorldState, positions_m: Floats, touches: Mapping[int, float]
+) -> set[int]:
+    """Which of those that touch something in this tick have, or touch, who is not to blame."""
+    faulty = faults.excusing_rows(state.active) if touches else frozenset()
+    excused = faulty & touches.keys()
+    for row in touches.keys() - excused:
+        for other in faulty:
+            dx_m, dy_m = (positions_m[row] - positions_m[other]).tolist()
+            apart_m = length(dx_m, dy_m) - world.radii_m[row] - world.radii_m[other]
+            if apart_m <= TOUCH_M:
+                excused |= {row}
+    return set(excused)
+
+
 def _heed(world: World, state: WorldState, commands: Iterable[Command]) -> tuple[Body, ...]:
     """Bodies with the newest command of each live robot taken to heart.
 
@@ -271,6 +434,7 @@ def _heed(world: World, state: WorldState, commands: Iterable[Command]) -> tuple
                 command.set_point,
                 command.tick,
                 command.beacon,
+                body.excused,
             )
     return tuple(bodies)
 

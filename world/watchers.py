@@ -8,16 +8,16 @@ TickRecord --> recording.Writer --> run.mcap
 from __future__ import annotations
 
 import importlib.metadata
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 from dashboards import bridge, foxglove, live
-from swarm import metrics, recording, runs
+from swarm import log, metrics, recording, runs
 from swarm.bus import Bus
 from swarm.messages import EVENT, Event, TickRecord
 from swarm.scenario import Scenario
 from world import scene
+from world.checkpoint import FILE_NAME
 
 RECORDED_VERSIONS = ("msam-swarm", "eclipse-zenoh", "msgspec", "numpy", "mcap", "rerun-sdk")
 
@@ -27,9 +27,10 @@ Observer = Callable[[TickRecord], None]
 class Watchers:
     """Everyone who is told of the ticks of one run."""
 
-    def __init__(self, bus: Bus, plan: Scenario) -> None:
+    def __init__(self, bus: Bus, plan: Scenario, folder: Path) -> None:
         self._bus = bus
         self._plan = plan
+        self._folder = folder
         self._writer: recording.Writer | None = None
         self._viewer: live.Live | None = None
         self._observers: list[Observer] = []
@@ -40,12 +41,14 @@ class Watchers:
     def open(
         self,
         scenario_toml: bytes,
-        folder: Path,
         serve_port: int | None,
         foxglove_port: int | None,
+        *,
+        segment: int = 0,
+        first_tick: int = 0,
     ) -> None:
         """Open what the scenario and the command line ask for; may raise RecordingError."""
-        plan, run = self._plan, self._bus.run
+        plan, run, folder = self._plan, self._bus.run, self._folder
         obstacles = scene.obstacles(plan)
         if plan.recording.mcap:
             self._writer = recording.Writer(
@@ -55,10 +58,14 @@ class Watchers:
                 foxglove.channels(plan, obstacles),
                 flush_ticks=plan.recording.flush_ticks,
                 flush_s=plan.recording.flush_s,
+                segment=segment,
+                first_tick=first_tick,
             )
             self._add(self._writer.write, self._writer.close)
         if plan.recording.rerun or serve_port is not None:
-            rrd = folder / runs.RRD if plan.recording.rerun else None
+            rrd = (
+                recording.segment_path(folder / runs.RRD, segment) if plan.recording.rerun else None
+            )
             self._viewer = live.Live(plan, obstacles, run, rrd, serve_port)
             self._add(self._viewer.observe, self._viewer.close)
         if foxglove_port is not None:
@@ -81,8 +88,28 @@ class Watchers:
         for close in self._closers:
             close()
         self._say_failures()
-        if self._writer is not None and self._writer.lost_ticks is not None:
-            self._say(f"{self._writer.path}: lost of ticks {self._writer.lost_ticks}")
+        if self._writer is not None and self._writer.lost_ticks:
+            lost = ", ".join(map(str, self._writer.lost_ticks))
+            self._say(f"{self._writer.path}: lost ticks {lost}")
+
+    def has(self, record: TickRecord) -> None:
+        """Count a tick that an earlier segment holds."""
+        self._last = record
+        if self._writer is not None:
+            self._writer.has(record)
+
+    def save(self, checkpoint: bytes) -> None:
+        """Keep a checkpoint, unless the ticks before it are not safe yet: then the one before."""
+        if self._writer is None or not self._writer.flush():
+            return
+        problem = runs.write_whole(self._folder / FILE_NAME, checkpoint)
+        if problem is not None:
+            self._say(f"checkpoint: {problem}")
+
+    def disk_full(self, full: bool) -> None:
+        """From now on the recorder's disk takes nothing, or takes all again."""
+        if self._writer is not None:
+            self._writer.disk_full = full
 
     def kept(self) -> metrics.RecordingRow | None:
         """Account of the recording, None when there is none."""
@@ -100,8 +127,8 @@ class Watchers:
         if text in self._said:
             return
         self._said.add(text)
-        print(f"swarm-world: recording: {text}", file=sys.stderr, flush=True)
         tick, stamp_ns = (self._last.tick, self._last.stamp_ns) if self._last else (0, 0)
+        log.say("world", f"recording: {text}", level="error", tick=tick)
         self._bus.publish(EVENT, Event(tick, stamp_ns, "recording", None, text))
 
 

@@ -27,6 +27,7 @@ STYLES = {
     "lost": "red",
     "missing": "red",
     "hung": "yellow",
+    "restarting": "yellow",
 }
 
 
@@ -83,8 +84,8 @@ def _sim_time_s(status: Status) -> float:
 
 def _table(status: Status) -> Group:
     table = Table(box=None, pad_edge=False)
-    for name in ("NAME", "STATE", "MODE", "LEADER", "ERROR", "ARRIVED"):
-        table.add_column(name, justify="right" if name == "ERROR" else "left")
+    for name in ("NAME", "STATE", "RESTARTS", "MODE", "LEADER", "ERROR", "ARRIVED"):
+        table.add_column(name, justify="right" if name in ("RESTARTS", "ERROR") else "left")
     shown = status.robots[:30]
     for row in shown:
         table.add_row(*_cells(row))
@@ -105,6 +106,7 @@ def _cells(row: RobotStatus) -> tuple[Text, ...]:
     return (
         Text(row.name),
         Text(row.state, style=STYLES.get(row.state, "")),
+        Text(str(row.restarts) if row.restarts else ""),
         Text(f"{row.mode}: {row.reason}" if row.reason else row.mode),
         Text(row.leader),
         Text(error),
@@ -142,8 +144,9 @@ def show_summary(summary: metrics.Summary, folder: str) -> None:
 
 def _lines(summary: metrics.Summary) -> list[str]:
     lines = [
-        f"{summary.arrived} of {summary.robots} arrived, {summary.collisions} collisions, "
-        f"{summary.sim_time_s:g} s simulated"
+        f"{summary.arrived} of {summary.robots} arrived, {summary.collisions} collisions"
+        + (f" ({summary.collisions_excused} excused)" if summary.collisions_excused else "")
+        + f", {summary.sim_time_s:g} s simulated"
         + (
             f" in {summary.wall_time_s:.1f} s ({summary.real_time_factor:.1f} x real time)"
             if summary.wall_time_s and summary.real_time_factor

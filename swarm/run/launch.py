@@ -15,7 +15,7 @@ import msgspec
 
 from swarm import errors, lifetime, messages, metrics, recording, runs
 from swarm import scenario as scenarios
-from swarm.run import supervisor
+from swarm.run import journal, supervisor
 
 ENDPOINT = re.compile(r"^[a-z0-9-]+/[^\s/][^\s]*:[0-9]{1,5}\Z")
 
@@ -33,11 +33,16 @@ def conduct(
     order: supervisor.Plan, bus: Literal["zenoh", "memory"], watcher: supervisor.Watcher
 ) -> Conducted:
     """Carry out a run to its end."""
+    watcher = journal.Journal(watcher, order.folder)
     if bus == "memory":
         return _run_in_memory(order, watcher)
     ending = supervisor.supervise(order, watcher)
-    summary = summary_of(order.folder, order.name, order.run)
-    return Conducted(summary, ending.interrupted, ending.overtime, ending.problem)
+    problem = ending.problem
+    path = order.folder / runs.SUMMARY
+    if problem is None and not path.exists():
+        problem = f"{path}: expected the world's summary, got none: is the disk full?"
+    summary = summary_of(order.folder, order.name, order.run, ending.world_restarts)
+    return Conducted(summary, ending.interrupted, ending.overtime, problem)
 
 
 def check_flags(
@@ -78,9 +83,14 @@ def check_flags(
             )
 
 
+def has_display() -> bool:
+    """Whether a window can be opened."""
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 def check_display(view: str) -> None:
     """Raise UsageError when a window is asked for where there is no screen."""
-    if view == "native" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if view == "native" and not has_display():
         raise errors.UsageError(
             "--view native: expected a display (DISPLAY or WAYLAND_DISPLAY), got none; "
             "use --view web, or open run.rrd on a machine that has one"
@@ -124,7 +134,7 @@ def _run_in_memory(order: supervisor.Plan, watcher: supervisor.Watcher) -> Condu
             signal.signal(number, handler)
 
 
-def summary_of(folder: Path, name: str, run: str) -> metrics.Summary:
+def summary_of(folder: Path, name: str, run: str, world_restarts: int = 0) -> metrics.Summary:
     """Summary the world wrote; when it could not, what its recording still tells."""
     path = folder / runs.SUMMARY
     with contextlib.suppress(OSError, msgspec.DecodeError):
@@ -136,7 +146,13 @@ def summary_of(folder: Path, name: str, run: str) -> metrics.Summary:
             if record.tick != score.tick + 1:
                 break
             metrics.observe(score, record)
-    facts = metrics.Facts(scenario=name, run=run, bus="zenoh", clock=plan.clock.mode)
+    facts = metrics.Facts(
+        scenario=name,
+        run=run,
+        bus="zenoh",
+        clock=plan.clock.mode,
+        world_restarts=world_restarts,
+    )
     summary = msgspec.structs.replace(metrics.summary(score, facts), outcome="failed")
     runs.write_whole(path, msgspec.json.format(msgspec.json.encode(summary)))
     return summary

@@ -80,7 +80,7 @@ def _setup(robot: dict[str, Any], shared: dict[str, Any], changes: dict[str, Any
     own = {key: value for key, value in changes.items() if key in Robot.__struct_fields__}
     rest = {key: value for key, value in changes.items() if key not in own}
     fields = {"row": 0, "dt_s": DT_S, "leads": False, "slot": None, "formation": None}
-    fields |= {"slot_distance_m_max": 0.0}
+    fields |= {"slot_distance_m_max": 0.0, "places": ()}
     body = Robot(**{"name": "robot1", "start": (0.0, 0.0, 0.0), **robot, **own})
     return RobotSetup(robot=body, **{**fields, **shared, **rest})
 
@@ -94,6 +94,8 @@ def beacon(name: str, pose: Pose, twist: Twist = STILL, tick: int = 0, **changes
         "arrived": False,
         "priority": (1, 0, 0, 5),
     }
+    if changes.get("leadership") is not None:
+        fields["leader_tick"] = tick
     return Beacon(name=name, tick=tick, pose=pose, twist=twist, **{**fields, **changes})
 
 

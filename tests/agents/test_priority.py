@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import permutations
 from math import atan2, hypot, pi, sqrt
 
 import pytest
 
 from agents import priority
 from swarm.geometry import STILL, Pose, Twist, wrap_angle
-from swarm.messages import Beacon, Leadership, Slot
+from swarm.messages import Beacon, Slot
 from swarm.scenario import Priority, RobotSetup
 from tests.agents import scenes
 
@@ -32,10 +31,10 @@ def slot_of(x_m: float, y_m: float) -> Slot:
 
 def test_claims_order_table_i_as_leader_2_1_4_5_3() -> None:
     claims = {
-        name: priority.claim(scenes.follower(slot_of(*position), row))
+        name: priority.claim("follower", slot_of(*position), row)
         for row, (name, position) in enumerate(TABLE_I.items(), start=1)
     }
-    claims["leader"] = priority.claim(scenes.leader())
+    claims["leader"] = priority.claim("leader", None, 0)
     order = sorted(claims, key=claims.__getitem__)
     assert order == ["leader", "robot2", "robot1", "robot4", "robot5", "robot3"]
 
@@ -47,27 +46,7 @@ def test_claim_is_the_rounded_eq_66() -> None:
 
 
 def test_claim_without_a_formation_is_the_id() -> None:
-    assert priority.claim(scenes.alone(row=3)) == (1, 0, 0, 3)
-
-
-# --- leadership ---------------------------------------------------------------------------------
-
-
-def test_highest_prefers_term_then_key_then_name_in_any_order() -> None:
-    ranked = [
-        Leadership(2, (1, -500, 0, 4), "robot4"),
-        Leadership(1, (0, 0, 0, 0), "leader"),
-        Leadership(1, (1, -707, 785, 1), "robot1"),
-        Leadership(1, (1, -707, 785, 1), "robot9"),
-    ]
-    for order in permutations(ranked):
-        heard = [
-            scenes.peer(scenes.beacon(f"robot{i}", scenes.ORIGIN, leadership=claim))
-            for i, claim in enumerate(order)
-        ]
-        assert priority.highest(None, heard) == ranked[0]
-        assert priority.highest(ranked[0], heard[1:]) == ranked[0]
-    assert priority.highest(None, [scenes.peer(scenes.beacon("robot1", scenes.ORIGIN))]) is None
+    assert priority.claim("alone", None, 3) == (1, 0, 0, 3)
 
 
 # --- right of way -------------------------------------------------------------------------------
@@ -79,7 +58,10 @@ def decide(
     state: priority.State = priority.State(),  # noqa: B008 - frozen
     twist: Twist = Twist(0.5, 0.0),  # noqa: B008 - frozen
 ) -> priority.State:
-    return priority.step(setup, state, scenes.ORIGIN, twist, 0.0, [scenes.peer(other)], scenes.DT_S)
+    role: priority.Role = "leader" if setup.leads else "follower" if setup.slot else "alone"
+    claim = priority.claim(role, setup.slot, setup.row)
+    others = [scenes.peer(other)]
+    return priority.step(setup, state, role, claim, scenes.ORIGIN, twist, 0.0, others, scenes.DT_S)
 
 
 def head_on(claim: tuple[int, int, int, int], **changes: object) -> Beacon:

@@ -229,10 +229,12 @@ def test_step_answers_anything_with_finite_set_points(
         assert messages.decode(messages.COMMAND, wire) == command
 
 
-def test_frames_with_nan_never_reach_a_robot() -> None:
+def test_frame_takes_nan_for_unknown_but_nothing_negative() -> None:
     ranges_m = scenes.nothing()
     ranges_m[3] = nan
-    with pytest.raises(ValueError, match="numbers"):
+    assert np.isnan(scenes.frame(ranges_m=ranges_m).ranges_m()[3])
+    ranges_m[3] = -0.1
+    with pytest.raises(ValueError, match=">= 0"):
         scenes.frame(ranges_m=ranges_m)
 
 
@@ -284,24 +286,100 @@ def test_follower_holds_still_until_it_hears_a_leader() -> None:
     assert command.beacon.leadership is None
 
 
-def test_follower_goes_on_for_a_while_without_its_leader_and_then_holds() -> None:
+def test_follower_goes_on_for_a_while_without_its_leader_holds_and_takes_over() -> None:
     setup = scenes.follower(SLOT)
     twist = Twist(0.6, 0.0)
-    heard = leader_beacon(Pose(1.0, -1.0, 0.0), twist, tick=0)
+    heard = leader_beacon(
+        Pose(1.0, -1.0, 0.0),
+        twist,
+        tick=0,
+        goal=(9.0, -1.0),
+        via=((5.0, -1.0),),
+        formation_heading_rad=0.3,
+    )
     state, command = robot.step(
         setup, robot.init(setup), scenes.frame(tick=1, twist=twist, beacons=(heard,))
     )
     assert command.beacon.mode == "FORM"
     assert command.beacon.leadership == LEADERSHIP
+    assert command.beacon.leader_tick == 0
+    assert command.beacon.goal == (9.0, -1.0)
     modes = []
-    for tick in range(2, 10):
+    for tick in range(2, 9):
         pose = Pose(0.048 * (tick - 1), 0.0, 0.0)
         state, command = robot.step(setup, state, scenes.frame(tick=tick, pose=pose, twist=twist))
         modes.append(command.beacon.mode)
-    # 0.5 s of silence are 6 ticks after the beacon's own.
-    assert modes == ["FORM"] * 5 + ["HOLD"] * 3
-    assert command.set_point.speed_mps < 0.6
-    assert command.beacon.leadership == LEADERSHIP
+    # 0.5 s of silence are 6 ticks after the beacon's own; another, and it leads.
+    assert modes == ["FORM"] * 5 + ["HOLD", "GO"]
+    said = command.beacon
+    assert said.leadership == Leadership(1, (1, -707, 785, 1), "robot1")
+    assert said.leader_tick == 8
+    assert said.slot is None
+    assert said.priority == (0, 0, 0, 1)
+    assert (said.goal, said.via) == ((9.0, -1.0), ((5.0, -1.0),))
+    assert said.formation_heading_rad == pytest.approx(0.3)
+
+
+def test_follower_that_knows_no_goal_holds_still_and_claims_nothing() -> None:
+    setup = scenes.follower(SLOT)
+    state = robot.init(setup)
+    for tick in range(20):
+        state, command = robot.step(setup, state, scenes.frame(tick=tick))
+    assert command.beacon.leadership is None
+    assert not command.beacon.fit
+    assert command.set_point == STILL
+
+
+def test_follower_takes_the_slot_that_its_leader_gives_it() -> None:
+    setup = scenes.follower(SLOT)
+    given = (("robot2", Slot(3.0, 0.0)), ("robot1", Slot(2.0, 0.0)))
+    heard = leader_beacon(Pose(1.0, -1.0, 0.0), assignments=given)
+    state, command = robot.step(setup, robot.init(setup), scenes.frame(beacons=(heard,)))
+    assert command.beacon.slot == Slot(2.0, 0.0)
+    assert command.beacon.priority == (1, -500, 0, 1)
+    later = leader_beacon(Pose(1.0, -1.0, 0.0), tick=1)
+    _, command = robot.step(setup, state, scenes.frame(tick=2, beacons=(later,)))
+    assert command.beacon.slot == Slot(2.0, 0.0)
+
+
+def test_restarted_leader_follows_whoever_was_elected_and_gets_a_slot() -> None:
+    setup = scenes.leader()
+    state = robot.init(setup, incarnation=1)
+    state, command = robot.step(setup, state, scenes.frame("leader", tick=200))
+    assert (command.beacon.mode, command.beacon.leadership) == ("HOLD", None)
+    new = Leadership(1, (1, -707, 785, 1), "robot1")
+    heard = scenes.beacon(
+        "robot1",
+        Pose(1.0, 0.0, 0.0),
+        tick=200,
+        leadership=new,
+        goal=(9.0, 0.0),
+        assignments=(("leader", SLOT),),
+    )
+    frame = scenes.frame("leader", tick=201, beacons=(heard,))
+    state, command = robot.step(setup, state, frame)
+    assert (command.beacon.leadership, command.beacon.slot) == (new, SLOT)
+    assert command.beacon.mode == "FORM"
+
+
+def test_robot_that_leads_gives_out_slots_until_they_are_taken() -> None:
+    places = (Slot(1.0, -1.0), Slot(1.0, 1.0), Slot(2.0, 0.0))
+    setup = scenes.follower(places[2], row=1, places=places)
+    heard = leader_beacon(Pose(2.0, 0.0, 0.0), goal=(9.0, 0.0))
+    state, _ = robot.step(setup, robot.init(setup), scenes.frame(beacons=(heard,)))
+    for tick in range(2, 9):  # robot3 is on the right, but has a slot on the left; and so robot2
+        others = (
+            scenes.beacon("robot2", Pose(-0.5, 0.9, 0.0), tick=tick - 1, slot=places[1]),
+            scenes.beacon("robot3", Pose(-0.5, -0.9, 0.0), tick=tick - 1, slot=places[0]),
+        )
+        state, command = robot.step(setup, state, scenes.frame(tick=tick, beacons=others))
+    assert command.beacon.assignments == (("robot2", places[0]), ("robot3", places[1]))
+    others = (
+        scenes.beacon("robot2", Pose(-0.5, 0.9, 0.0), tick=8, slot=places[0]),
+        scenes.beacon("robot3", Pose(-0.5, -0.9, 0.0), tick=8, slot=places[1]),
+    )
+    _, command = robot.step(setup, state, scenes.frame(tick=9, beacons=others))
+    assert command.beacon.assignments == ()
 
 
 def test_follower_obeys_the_highest_leadership_it_heard() -> None:
@@ -458,7 +536,9 @@ def test_follower_gives_up_150_s_after_its_leader_arrived() -> None:
         mode="ARRIVED",
         leadership=Leadership(0, (0, 0, 0, 0), "leader"),
     )
-    state = robot.State(following=msgspec.structs.replace(follow.init(setup), late_s=149.9))
+    state = msgspec.structs.replace(
+        robot.init(setup), following=msgspec.structs.replace(follow.init(setup), late_s=149.9)
+    )
     state, command = robot.step(setup, state, scenes.frame(beacons=(leads,)))
     assert command.beacon.mode == "FORM"
     _, command = robot.step(setup, state, scenes.frame(tick=2, beacons=(leads,)))

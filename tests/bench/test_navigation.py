@@ -21,12 +21,11 @@ from hypothesis import strategies as st
 
 import tests.run.processes as commands
 from swarm import errors, metrics, scenario
-from swarm.run import lockstep
+from swarm.run import lockstep, sharing
 from swarm.run.bench import navigation
 from swarm.run.bench.navigation import (
     cases,
     course,
-    crew,
     encounters,
     obstacles,
     peers,
@@ -357,7 +356,7 @@ def _deaf_or_waiting(job: tuple[str, Path]) -> None:
 
 
 def test_crew_hands_back_every_job_whatever_happens_to_its_worker() -> None:
-    done = {one.job: (one.value, one.problem) for one in crew.share(_work, range(9), 2)}
+    done = {one.job: (one.value, one.problem) for one in sharing.share(_work, range(9), 2, "bench")}
     assert sorted(done) == list(range(9))
     assert done[3][0] is None
     assert done[3][1].startswith("ValueError: three (_work, line ")
@@ -373,25 +372,25 @@ def test_crew_takes_no_more_jobs_than_there_are_workers_for() -> None:
             taken.append(job)
             yield job
 
-    sharing = crew.share(_work, jobs(), 1)  # type: ignore[arg-type]
-    assert next(sharing).job == 0
-    sharing.close()
+    shared = sharing.share(_work, jobs(), 1, "bench")  # type: ignore[arg-type]
+    assert next(shared).job == 0
+    shared.close()
     assert taken == [0]
 
 
 def test_crew_is_gone_when_its_results_are_no_longer_wanted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(crew, "END_S", 0.2)
+    monkeypatch.setattr(sharing, "END_S", 0.2)
     fifo = tmp_path / "fifo"
     os.mkfifo(fifo)
-    sharing = crew.share(_deaf_or_waiting, [("deaf", fifo), ("waiting", fifo)], 2)
+    shared = sharing.share(_deaf_or_waiting, [("deaf", fifo), ("waiting", fifo)], 2, "bench")
     # A worker has its name only some time after its process exists: both have begun by now.
-    assert next(sharing).job == ("waiting", fifo)
+    assert next(shared).job == ("waiting", fifo)
     children = psutil.Process().children(recursive=True)
     workers = {child.name(): child for child in children if "swarm-bench" in child.name()}
     assert sorted(workers) == ["swarm-bench-1", "swarm-bench-2"]
-    sharing.close()
+    shared.close()
     assert not any(child.is_running() for child in workers.values())
 
 
@@ -455,10 +454,10 @@ def test_worst_runs_are_crashes_then_contacts_then_late_ones_then_slow_ones() ->
 def test_a_crash_is_reported_and_fails_the_bench(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    def broken(work: object, jobs: object, workers: int) -> object:
-        yield crew.Done(Job(encounters.lanes(0), "paper"), None, "ValueError: no way")
+    def broken(work: object, jobs: object, workers: int, name: str) -> object:
+        yield sharing.Done(Job(encounters.lanes(0), "paper"), None, "ValueError: no way")
 
-    monkeypatch.setattr(crew, "share", broken)
+    monkeypatch.setattr(sharing, "share", broken)
     line = f"bench navigation --families pairs --controllers paper --out {tmp_path / 'out'}"
     result = commands.here(monkeypatch, capsys, tmp_path, line)
     assert result.returncode == 1

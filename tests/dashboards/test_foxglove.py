@@ -137,7 +137,22 @@ def test_body_points_its_nose_where_the_robot_looks(
     from_centre_m = np.linalg.norm(points["position"][:, :2] - [1.0, 2.0], axis=1)
     assert from_centre_m[:16] == pytest.approx(0.22)
     assert points["position"][-1][:2] == pytest.approx([1.0, 2.22])
-    assert int.from_bytes(points["colour"][0].tobytes(), "big") == stage.LEADER
+    assert int.from_bytes(points["colour"][0].tobytes(), "big") == 0xFFE08AFF
+
+
+def test_bodies_that_stopped_for_good_turn_red(
+    made_ticks: MakeTicks, made_scenario: MakeScenario
+) -> None:
+    (record,) = made_ticks(3, 1)
+    one, two, three = record.robots
+    dead = msgspec.structs.replace(one, alive=False)
+    touching = msgspec.structs.replace(three, contact=True)
+    record = msgspec.structs.replace(record, robots=(dead, two, touching))
+    data = channel(made_scenario(3), "/bodies").encode(record)
+    assert data is not None
+    colours = cloud(data)["colour"].reshape(3, -1, 4)
+    numbers = [{int.from_bytes(point.tobytes(), "big") for point in body} for body in colours]
+    assert numbers == [{stage.STOPPED}, {int(stage.colours(made_scenario(3))[1])}, {stage.STOPPED}]
 
 
 def test_outlines_lie_on_the_obstacles(made_ticks: MakeTicks, made_scenario: MakeScenario) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from dashboards import stage, views
-from swarm import geometry, messages, metrics
-from swarm.messages import TickRecord
+from dashboards import stage, states, views
+from swarm import faults, geometry, messages, metrics
+from swarm.faults import ProcessFault
+from swarm.messages import Event, TickRecord
 from swarm.scenario import Scenario
 
 MakeTicks = Callable[..., tuple[TickRecord, ...]]
@@ -113,9 +114,27 @@ def test_formation_errors_end_when_the_leader_is_dead(
     record = msgspec.structs.replace(record, robots=(dead, *record.robots[1:]))
     drawn = draw(made_scenario(3), [record])
     assert "plots/formation_error" not in drawn
-    assert values(drawn["world/stopped"])[0] == pytest.approx(
-        np.array([[dead.pose.x_m, dead.pose.y_m]]), abs=1e-5
-    )
+
+
+def test_the_dead_and_those_who_touched_are_crossed_out_until_none_is_left(
+    made_ticks: MakeTicks, made_scenario: MakeScenario
+) -> None:
+    scenario = made_scenario(3)
+    well, later, back = made_ticks(3, 3)
+    dead = msgspec.structs.replace(later.robots[0], alive=False)
+    touching = msgspec.structs.replace(later.robots[2], contact=True)
+    later = msgspec.structs.replace(later, robots=(dead, later.robots[1], touching))
+    nobody, strokes = values(draw(scenario, [well, later])["world/stopped"])
+    assert nobody.size == 0
+    for at, robot in enumerate((dead, touching)):
+        centre = np.array([robot.pose.x_m, robot.pose.y_m])
+        expected = centre + 0.22 * np.array([[[-1, -1], [1, 1]], [[-1, 1], [1, -1]]])
+        assert strokes[2 * at : 2 * at + 2] == pytest.approx(expected, abs=1e-5)
+    before = views.after(views.batch(scenario, [views.shot(later)], views.Before()))
+    (cleared,) = values(draw(scenario, [back], before)["world/stopped"])
+    assert cleared.size == 0
+    before = views.after(views.batch(scenario, [views.shot(back)], before))
+    assert "world/stopped" not in draw(scenario, [back], before)
 
 
 def test_clearance_is_the_smallest_of_all_pairs_and_of_all_robots(
@@ -195,13 +214,79 @@ def test_states_have_a_row_only_where_they_change(
         if path in second:
             found += [30 + tick for tick in second[path].rows.tolist()]
         assert found == changes
-        states = first[path].columns[0].as_arrow_array().flatten().to_pylist()
-        assert states == [modes[tick] for tick in changes if tick < 30]
-        assert set(states) <= set(stage.STATE_COLOURS)
+        words = first[path].columns[0].as_arrow_array().flatten().to_pylist()
+        assert words == [modes[tick] for tick in changes if tick < 30]
+        assert set(words) <= set(stage.state_colours())
 
 
-def test_every_mode_has_a_colour() -> None:
-    assert set(messages.Mode.__args__) <= set(stage.STATE_COLOURS)  # type: ignore[attr-defined]
+def test_states_tell_of_faults_from_begin_to_end_also_from_batch_to_batch(
+    made_ticks: MakeTicks, made_scenario: MakeScenario
+) -> None:
+    """robot1: loss, then motors too; robot2: hung; robot3: dead, nobody says why."""
+    scenario, made = made_scenario(3), made_ticks(3, 8)
+
+    def event(tick: int, kind: messages.EventKind, robot: str, fault: str, number: int) -> Event:
+        return Event(tick, 0, kind, robot, fault=fault, number=number)
+
+    events = {
+        1: [event(1, "fault", "robot1", "loss", 0), event(1, "fault", "robot2", "hang", 1)],
+        2: [event(2, "fault", "robot1", "weak", 2)],
+        4: [event(4, "fault-over", "robot1", "weak", 2)],
+        5: [event(5, "fault-over", "robot1", "loss", 0), event(5, "fault-over", "robot2", "", 1)],
+    }
+    ticks = []
+    for record in made:
+        robots = list(record.robots)
+        for row, beacon in enumerate(robot.beacon for robot in robots):
+            said = msgspec.structs.replace(beacon, mode="FORM")  # type: ignore[type-var]
+            alive = not (row == 1 and 1 <= record.tick < 5) and not (row == 2 and record.tick > 2)
+            robots[row] = msgspec.structs.replace(robots[row], alive=alive, beacon=said)
+        happened = tuple(events.get(record.tick, ()))
+        ticks.append(msgspec.structs.replace(record, robots=tuple(robots), events=happened))
+    found: dict[str, list[tuple[int, str]]] = {}
+    before = views.Before()
+    for part in (ticks[:3], ticks[3:4], ticks[4:]):
+        for path, drawing in draw(scenario, part, before).items():
+            if path.startswith("robots/"):
+                words = drawing.columns[0].as_arrow_array().flatten().to_pylist()
+                at = [part[row].tick for row in drawing.rows]
+                found.setdefault(path, []).extend(zip(at, words, strict=True))
+        before = views.after(views.batch(scenario, [views.shot(one) for one in part], before))
+    assert found == {
+        "robots/robot1": [
+            (0, "FORM"),
+            (1, "FORM, link fault"),
+            (2, "FORM, motor fault"),
+            (4, "FORM, link fault"),
+            (5, "FORM"),
+        ],
+        "robots/robot2": [(0, "FORM"), (1, "hung"), (5, "FORM")],
+        "robots/robot3": [(0, "FORM"), (3, "dead")],
+    }
+
+
+@pytest.mark.parametrize("kind", faults.KINDS)
+def test_every_fault_is_seen_on_the_time_line_in_a_colour(
+    made_ticks: MakeTicks, made_scenario: MakeScenario, kind: str
+) -> None:
+    (record,) = made_ticks(1, 1)
+    lost = issubclass(faults.KINDS[kind], ProcessFault)
+    robot = msgspec.structs.replace(record.robots[0], alive=not lost)
+    event = Event(0, 0, "fault", "robot1", fault=kind, number=0)
+    record = msgspec.structs.replace(record, robots=(robot,), events=(event,))
+    troubles = states.follow(states.Troubles(), record)
+    (word,) = states.words(made_scenario(1), troubles, record)
+    seen = kind != "disk-full"  # it strikes no robot
+    assert (word not in (*states.MODES, "dead")) == seen
+    assert word in stage.state_colours()
+
+
+def test_every_word_of_a_time_line_has_a_colour() -> None:
+    assert set(states.MODES) <= set(stage.STATE_COLOURS)
+    assert {*states.LOST_BY_FAULT.values(), *states.LOST_BY_ITSELF.values()} <= set(
+        stage.STATE_COLOURS
+    )
+    assert set(states.TROUBLES) == set(stage.TROUBLE_COLOURS)
 
 
 def test_events_are_told_at_their_level(made_ticks: MakeTicks, made_scenario: MakeScenario) -> None:
@@ -232,7 +317,7 @@ def test_batches_do_not_change_what_is_drawn(
 def test_colours_of_robots_differ_and_are_light(made_scenario: MakeScenario) -> None:
     colours = stage.colours(made_scenario(12))
     assert len(set(colours.tolist())) == 12
-    assert colours[0] == stage.LEADER
+    assert colours[0] == 0xFFE08AFF
     for colour in colours.tolist():
         assert max(colour >> shift & 0xFF for shift in (24, 16, 8)) >= 0xE0
         assert colour & 0xFF == 0xFF

@@ -98,6 +98,20 @@ def test_replay_of_one_robot_and_of_a_changed_recording(folder: Path) -> None:
     assert found.difference.field == "command.set_point.speed_mps"
 
 
+def test_replay_holds_when_commands_come_too_late_to_count(folder: Path) -> None:
+    done = processes.swarm(
+        *(folder, "run", "two-obstacles", "--duration", "6", "--bus", "memory", "--out", "run"),
+        *("-q", "--json", "--fault", "slow:robot2@1.6+3.2,late_s=0.4"),  # 5 ticks: braked after 3
+        *("--fault", "slow:robot3@1.6,late_s=0.4", "--fault", "kill:robot3@3.2"),
+        *("--fault", "duplicate:all@0,probability=0.5", "--fault", "delay:robot4@1.6+1.6"),
+    )
+    summary = json.loads(done.stdout)
+    assert summary["per_robot"][2]["path_m"] < 0.8 * summary["per_robot"][1]["path_m"]
+    found = replay.replay(folder / "run" / "run.mcap")
+    assert found.ok
+    assert found.state_hash == found.recorded_hash == summary["state_hash"]
+
+
 def test_replay_stops_at_a_hole_and_says_where(folder: Path) -> None:
     processes.swarm(
         folder, "run", "two-obstacles", "--duration", "4", "--bus", "memory", "--out", "run", "-q"

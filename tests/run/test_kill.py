@@ -94,6 +94,8 @@ def test_nothing_is_left_and_the_recording_reads_when_killed(
         "36",
         "--out",
         "out",
+        "--set",
+        "restart.world=never",
         "-q",
     )  # without a leader it would last until the scenario's time is up
     delay_s = choice.uniform(0.1, 5.0)
@@ -131,7 +133,9 @@ def test_ctrl_c_is_130_and_completes_the_recording(folder: Path) -> None:
 
 
 def test_world_killed_is_exit_1_and_says_how_to_mend_the_recording(folder: Path) -> None:
-    run = processes.start(folder, "run", "two-obstacles", "--rate", str(RATE), "--out", "out")
+    never = ("--set", "restart.world=never")
+    line = ("run", "two-obstacles", "--rate", str(RATE), "--out", "out", *never)
+    run = processes.start(folder, *line)
     processes.until(lambda: (tick_now(folder) or 0) > 20, 30.0, "ticks")
     processes.named(folder, "swarm-world")[0].kill()
     _, said = run.communicate(timeout=10.0)
@@ -139,6 +143,95 @@ def test_world_killed_is_exit_1_and_says_how_to_mend_the_recording(folder: Path)
     assert "world killed by SIGKILL" in said
     assert "swarm verify" in said
     assert "--repair" in said
+
+
+def kill_world_at(folder: Path, tick: int) -> None:
+    """Once the run is there; the world that is there then."""
+    processes.until(lambda: (tick_now(folder) or 0) >= tick, 30.0, f"tick {tick}")
+    processes.until(lambda: processes.named(folder, "swarm-world"), 10.0, "a world")
+    processes.named(folder, "swarm-world")[0].kill()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """State hash of two-obstacles when nothing is killed."""
+    line = ("run", "two-obstacles", "--bus", "memory", "--json", "-q", "--out", "alone")
+    alone = processes.swarm(tmp_path_factory.mktemp("undisturbed"), *line)
+    return str(msgspec.json.decode(alone.stdout)["state_hash"])
+
+
+def check_world_is_replaced(folder: Path, tick: int, undisturbed: str, *options: str) -> None:
+    line = ("run", "two-obstacles", "--rate", str(RATE), "--out", "out", "--json", *options)
+    run = processes.start(folder, *line)
+    kill_world_at(folder, tick)
+    printed, said = run.communicate(timeout=60.0)
+    assert run.returncode == 0, said
+    assert "world killed by SIGKILL" in said
+    assert "world is started again" in said
+    summary = msgspec.json.decode(printed)
+    assert summary["world_restarts"] == 1
+    assert summary["state_hash"] == undisturbed
+    verdict = recording.verify(folder / "out" / runs.MCAP)
+    assert verdict.ok, verdict
+    assert processes.belonging(folder) == []
+
+
+def test_world_killed_by_hand_is_started_again_and_the_run_is_as_if_nothing_had_been(
+    folder: Path, undisturbed: str, kill: int
+) -> None:
+    tick = random.Random(f"world-again-{kill}").randrange(1, 400)
+    check_world_is_replaced(folder, tick, undisturbed)
+
+
+def test_world_killed_beside_an_external_router_is_started_again(
+    folder: Path, endpoint: str, undisturbed: str
+) -> None:
+    router = zenoh_bus.open_router("router", endpoint)
+    try:
+        check_world_is_replaced(folder, 100, undisturbed, "--router", endpoint)
+    finally:
+        router.close()
+
+
+def test_world_that_is_killed_again_and_again_is_given_up(folder: Path) -> None:
+    once = ("--set", "restart.restart_max=1", "--set", "restart.restart_delay_s=0")
+    line = ("run", "two-obstacles", "--rate", str(RATE), "--out", "out", *once)
+    run = processes.start(folder, *line)
+    kill_world_at(folder, 20)
+    kill_world_at(folder, 60)
+    _, said = run.communicate(timeout=30.0)
+    assert run.returncode == 1
+    assert "was started again 1 times within 60 s: no more" in said
+    assert "swarm verify" in said
+    check_recording(folder / "out", 20)
+    assert processes.belonging(folder) == []
+
+
+def test_world_that_stays_stopped_is_taken_for_hung_and_replaced(folder: Path) -> None:
+    soon = ("--set", "restart.hang_timeout_s=0.1")  # five times this
+    line = ("run", "two-obstacles", "--rate", "2", "--out", "out", *soon)
+    run = processes.start(folder, *line)
+    processes.until(lambda: (tick_now(folder) or 0) > 5, 30.0, "ticks")
+    (world,) = processes.named(folder, "swarm-world")
+    world.suspend()
+    processes.until(lambda: (tick_now(folder) or 0) > 20, 30.0, "ticks of another world")
+    assert processes.named(folder, "swarm-world")[0].pid != world.pid
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=10.0)
+    assert run.returncode == 130, said
+    assert "world has been stopped for 0.5 s: killed" in said
+
+
+def test_second_ctrl_c_ends_everyone_at_once(folder: Path) -> None:
+    run = processes.start(folder, "run", "two-obstacles", "--rate", "2", "--out", "out", "-q")
+    processes.until(lambda: (tick_now(folder) or 0) > 5, 30.0, "ticks")
+    processes.named(folder, "swarm-robot3")[0].suspend()  # holds up the tick, and so a good end
+    run.send_signal(signal.SIGINT)
+    run.send_signal(signal.SIGTERM)
+    _, said = run.communicate(timeout=10.0)
+    assert run.returncode == 130
+    assert "did not stop when asked" in said
+    assert processes.belonging(folder) == []
 
 
 def test_robot_killed_by_hand_does_not_stop_the_others(folder: Path) -> None:

@@ -55,6 +55,7 @@ def beacon(
     slot: Slot | None = None,
     goal: tuple[float, float] | None = None,
     yields_to: str | None = None,
+    silent: bool = False,
 ) -> Beacon:
     return Beacon(
         name,
@@ -69,6 +70,7 @@ def beacon(
         (0, 0, 0, 0),
         slot=slot,
         leadership=leadership,
+        leader_tick=None if leadership is None or silent else tick,
         goal=goal,
         formation_heading_rad=heading_rad,
         yields_to=yields_to,
@@ -151,6 +153,7 @@ def test_summary_has_exactly_the_promised_keys_in_order() -> None:
         "arrived",
         "outcome",
         "collisions",
+        "collisions_excused",
         "ticks",
         "sim_time_s",
         "wall_time_s",
@@ -167,6 +170,7 @@ def test_summary_has_exactly_the_promised_keys_in_order() -> None:
         "late_commands",
         "commands_total",
         "recording",
+        "world_restarts",
         "state_hash",
         "expect",
     ]
@@ -337,7 +341,7 @@ def test_ended_when_nobody_is_left_to_arrive() -> None:
 
 # --- outcomes -----------------------------------------------------------------------------------
 
-KILL = Event(1, 100_000_000, "fault", "b", "kill")
+KILL = Event(1, 100_000_000, "fault", "b", "kill", fault="kill")
 LOST = Event(1, 100_000_000, "robot-lost", "b")
 
 
@@ -371,9 +375,61 @@ def test_outcome_says_the_worst_that_happened(
 def test_outcome_is_failed_when_every_robot_was_killed() -> None:
     film = Film(LONE)
     film.shoot(body(0.0, 0.0))
-    film.shoot(body(0.0, 0.0, alive=False), events=(Event(1, 0, "fault", "a", "kill"),))
+    film.shoot(
+        body(0.0, 0.0, alive=False), events=(Event(1, 0, "fault", "a", "kill", fault="kill"),)
+    )
     assert film.summary.per_robot[0].outcome == "killed"
     assert film.summary.outcome == "failed"
+
+
+def test_outcome_is_that_of_the_others_when_a_fault_excuses_a_contact() -> None:
+    film = Film(PAIR)
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0))
+    touched = msgspec.structs.replace(body(0.0, -2.0, contact=True), excused=True)
+    film.shoot(body(3.0, 4.0), touched)
+    result = film.summary
+    assert [row.outcome for row in result.per_robot] == ["arrived", "collided"]
+    assert (result.collisions, result.collisions_excused) == (0, 1)
+    assert result.outcome == "succeeded"
+    assert result.makespan_s == 0.0
+    film.shoot(body(3.0, 4.0, contact=True), touched)
+    assert (film.summary.collisions, film.summary.collisions_excused) == (1, 1)
+    assert film.summary.outcome == "collided"
+
+
+def test_outcome_is_failed_when_excused_contacts_leave_nobody() -> None:
+    film = Film(LONE)
+    film.shoot(msgspec.structs.replace(body(0.0, 0.0, contact=True), excused=True))
+    assert film.summary.outcome == "failed"
+
+
+def test_faults_have_a_row_for_each_robot_and_last_until_they_are_over() -> None:
+    film = Film(PAIR)
+    begun = tuple(
+        Event(0, 0, "fault", name, "loss", fault="loss", number=number)
+        for name, number in (("a", 0), ("b", 0), ("b", 1))
+    )
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0), events=begun)
+    over = Event(1, 0, "fault-over", "b", "loss", fault="loss", number=0)
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0), events=(over,))
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0, alive=False), events=(LOST,))
+    result = film.summary
+    assert [(row.kind, row.target, row.tick, row.over_s) for row in result.faults] == [
+        ("loss", "a", 0, None),
+        ("loss", "b", 0, 0.1),
+        ("loss", "b", 0, None),
+    ]
+    assert [row.detected_s for row in result.faults] == [None, None, None]
+    assert result.per_robot[1].outcome == "failed"  # lost all the same: links are no excuse
+
+
+def test_outcome_forgets_a_kill_when_the_robot_is_back() -> None:
+    film = Film(PAIR)
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0))
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0, alive=False), events=(KILL,))
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0))
+    film.shoot(body(3.0, 4.0), body(0.0, -2.0, alive=False), events=(LOST,))
+    assert film.summary.per_robot[1].outcome == "failed"
 
 
 def test_outcome_is_no_excuse_when_a_fault_hits_a_robot_already_lost() -> None:
@@ -490,32 +546,58 @@ def test_formation_error_follows_the_leader_and_slot_that_an_election_gave() -> 
     orphans = [
         body(x, 0.0, beacon(n, 0, leadership=A_LEADS)) for n, x in (("b", -1.0), ("c", -2.0))
     ]
-    kill = Event(1, 0, "fault", "a", "kill")
+    kill = Event(1, 0, "fault", "a", "kill", fault="kill")
     film.shoot(a, *orphans, events=(kill,))
     assert metrics.formation_error_now(film.score, "b") is None  # nobody to be measured by
     b = body(9.95, 0.0, beacon("b", 0, leadership=B_LEADS, goal=(10.0, 0.0)))
+    film.shoot(a, b, orphans[1])
+    c = body(8.8, 0.0, beacon("c", 0, leadership=B_LEADS, slot=Slot(1.0, 0.0)))
+    film.shoot(a, b, c)
     c = body(9.0, 0.0, beacon("c", 0, leadership=B_LEADS, slot=Slot(1.0, 0.0)))
     film.shoot(a, b, c)
     result = film.summary
     assert metrics.formation_error_now(film.score, "c") == pytest.approx(0.05)
     assert [row.outcome for row in result.per_robot] == ["killed", "arrived", "arrived"]
-    assert [(row.tick, row.name, row.term) for row in result.leaders] == [(0, "a", 0), (2, "b", 1)]
+    # b leads from tick 2, but c agrees in tick 3, and is near its slot in tick 4.
+    assert [(row.tick, row.name, row.term) for row in result.leaders] == [(0, "a", 0), (3, "b", 1)]
     (fault,) = result.faults
     assert (fault.kind, fault.target, fault.tick) == ("kill", "a", 1)
-    assert fault.detected_s == 0.0
-    assert fault.recovered_s == pytest.approx(0.1)
+    assert fault.detected_s == pytest.approx(0.2)
+    assert fault.recovered_s == pytest.approx(0.3)
 
 
-def test_leaders_name_the_highest_that_is_followed_whoever_comes_first() -> None:
+def test_old_leader_that_follows_is_measured_by_its_slot() -> None:
     film = Film(CONVOY)
-    rivals = [A_LEADS, B_LEADS, Leadership(1, (0, 9, 9, 9), "c")]  # same term: the smaller key
-    film.shoot(
-        *(
-            body(-1.0 * row, 0.0, beacon(setup.name, 0, leadership=one))
-            for row, (setup, one) in enumerate(zip(film.plan.robots, rivals, strict=True))
+    b = body(5.0, 0.0, beacon("b", 0, leadership=B_LEADS, goal=(10.0, 0.0)))
+    a = body(3.7, 0.0, beacon("a", 0, leadership=B_LEADS, slot=Slot(1.0, 0.0)))
+    c = body(3.0, 0.0, beacon("c", 0, leadership=B_LEADS, slot=Slot(2.0, 0.0)))
+    film.shoot(a, b, c)
+    assert metrics.formation_error_now(film.score, "a") == pytest.approx(0.3)
+    assert metrics.formation_error_now(film.score, "b") is None
+
+
+def test_leaders_are_named_when_all_who_live_agree() -> None:
+    film = Film(CONVOY)
+    rivals = [A_LEADS, B_LEADS, B_LEADS]
+
+    def shoot(a_lives: bool, *claims: Leadership, silent: bool = False) -> None:
+        names = ("a", "b", "c")
+        said = [
+            beacon(name, 0, leadership=claim, silent=silent)
+            for name, claim in zip(names, claims, strict=True)
+        ]
+        film.shoot(
+            body(0.0, 0.0, said[0], alive=a_lives), body(1.0, 0.0, said[1]), body(2.0, 0.0, said[2])
         )
-    )
-    assert [(row.name, row.term) for row in film.summary.leaders] == [("c", 1)]
+
+    shoot(True, *rivals)
+    shoot(True, A_LEADS, A_LEADS, A_LEADS, silent=True)  # who is silent is not followed
+    shoot(False, A_LEADS, A_LEADS, A_LEADS)  # nor is it agreed while the leader is dead
+    assert film.summary.leaders == []
+    shoot(False, *rivals)
+    shoot(True, *rivals)
+    shoot(True, B_LEADS, B_LEADS, B_LEADS)
+    assert [(row.tick, row.name, row.term) for row in film.summary.leaders] == [(3, "b", 1)]
 
 
 def test_settling_runs_from_the_last_leaving_of_avoid_until_all_errors_are_small() -> None:

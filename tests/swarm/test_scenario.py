@@ -50,7 +50,7 @@ def decoded(text: str, **changes: object) -> Scenario:
         (
             HEAD + A + '[[faults]]\nkind = "kill"\ntarget = "z"\nat_s = 1.6\n',
             "",
-            r"faults\[0\]\.target to be one of",
+            r"faults\[0\]\.target: expected one of",
             "'z'",
         ),
         (

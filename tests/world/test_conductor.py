@@ -10,7 +10,7 @@ import pytest
 from agents.process import RobotShell
 from swarm import lifetime, metrics, scenario
 from swarm.bus import Hub, MemoryBus
-from swarm.messages import COMMAND, PROCESS, Command, Event, Reply, TickRecord
+from swarm.messages import COMMAND, PROCESS, Command, Event, ProcessRequest, Reply, TickRecord
 from swarm.run import library
 from swarm.scenario import Scenario
 from world import conductor
@@ -230,3 +230,27 @@ def test_real_time_goes_on_without_a_robot_that_stalls_and_brakes_it_after_the_t
     assert speeds_mps[-1] > 0.5
     assert all(record.robots[0].alive for record in stage.records)
     assert result.commands_total == 2 * 51 - 20
+
+
+def test_robot_that_did_not_come_up_is_started_by_the_policy() -> None:
+    stage = Stage(
+        "empty",
+        *("clock.start_timeout_s=3.0", "duration_s=1.6"),
+        *("restart.robot='on-failure'", "restart.restart_delay_s=0.4"),
+    )
+    stage.enter("robot2")
+    asked: list[tuple[str, str, int]] = []
+
+    def start(request: ProcessRequest) -> Reply:
+        asked.append((request.robot, request.action, request.incarnation))
+        bus = stage.buses[request.robot] = MemoryBus(stage.hub, "stage")
+        setup = stage.scenario.setup(request.robot)
+        stage.hub.workers[request.robot] = RobotShell(bus, setup, request.incarnation).work
+        return Reply(True)
+
+    stage.hub.handlers[PROCESS.name] = start
+    stage.play()
+    assert asked == [("robot2", "start", 1)]
+    (event,) = [event for event in stage.events() if event.kind == "robot-started"]
+    assert (event.robot, event.tick, event.incarnation) == ("robot2", 5, 1)
+    assert stage.records[-1].robots[1].alive

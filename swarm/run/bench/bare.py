@@ -18,7 +18,7 @@ import msgspec
 import zenoh
 
 from swarm import lifetime
-from swarm.run import supervisor
+from swarm.run import child
 from swarm.run.bench import processes
 from swarm.run.bench.processes import Window
 
@@ -46,7 +46,7 @@ def measure(
     """One window of a barrier with the payloads of a real one."""
     with processes.Children() as children:
         barrier = Barrier(
-            endpoint=f"tcp/127.0.0.1:{supervisor.free_port()}",
+            endpoint=f"tcp/127.0.0.1:{child.free_port()}",
             folder=children.folder,
             bench_pid=os.getpid(),
             frame_bytes=frame_bytes,

@@ -26,10 +26,11 @@ import msgspec
 import psutil
 
 from swarm import errors
-from swarm.run import supervisor
+from swarm.run.child import PRELOAD as SUPERVISOR_PRELOAD
+from swarm.run.child import without_main
 
 # what those of a measurement are made of, then what the children of any run have loaded
-PRELOAD = ["swarm.run.bench.bare", "swarm.run.bench.system", *supervisor.PRELOAD]
+PRELOAD = ["swarm.run.bench.bare", "swarm.run.bench.system", *SUPERVISOR_PRELOAD]
 RESULT_S = 90.0  # wall, launch included; then the measurement has failed
 END_S = 2.0  # from SIGTERM to SIGKILL
 WARM_UP_TICKS = 20  # before the first window; robots meet, caches fill
@@ -161,7 +162,7 @@ class Children:
         """Start one; the Connection of `child_end` may be among the arguments."""
         child = self._context.Process(target=main, args=arguments, name=name)
         self._children.append(child)
-        with supervisor.without_main():
+        with without_main():
             child.start()
 
     def windows(self) -> tuple[Window, ...]:

@@ -26,7 +26,7 @@ import agents.process
 import agents.robot
 from swarm import lifetime, metrics, runs, scenario, zenoh_bus
 from swarm.messages import TickRecord
-from swarm.run import supervisor
+from swarm.run import child
 from swarm.run.bench import processes, rehearsal
 from swarm.run.bench.processes import Window
 from swarm.scenario import Recording
@@ -68,7 +68,7 @@ def measure(robots: int, *, turns: int, window_s: float, settle_s: float) -> Tur
     """Launch, let windows without and with recording take turns, end."""
     quiet = rehearsal.built_in(SCENARIO, robots=robots, settings=[LONG])
     plan = msgspec.structs.replace(quiet, recording=Recording())
-    endpoint = f"tcp/127.0.0.1:{supervisor.free_port()}"
+    endpoint = f"tcp/127.0.0.1:{child.free_port()}"
     with processes.Children() as children:
         system = System(
             scenario_toml=tomli_w.dumps(scenario.to_builtins(plan)).encode(),
@@ -108,8 +108,8 @@ def world(system: System, end: Connection) -> None:
     bus = zenoh_bus.open_router(RUN, system.endpoint)
     from world.watchers import Watchers  # with Rerun, which a robot has not loaded either
 
-    watchers = Watchers(bus, plan)
-    watchers.open(system.scenario_toml, system.folder, None, None)
+    watchers = Watchers(bus, plan, system.folder)
+    watchers.open(system.scenario_toml, None, None)
 
     def gate(record: TickRecord) -> None:
         if meter.number % 2:

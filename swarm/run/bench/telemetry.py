@@ -107,8 +107,8 @@ class Sink:
         self.name = name
         self.spent_s = 0.0
         only = msgspec.structs.replace(plan, recording=SINKS[name])
-        self._watchers = Watchers(MemoryBus(Hub(), system.RUN), only)
-        self._watchers.open(tomli_w.dumps(to_builtins(only)).encode(), folder, None, None)
+        self._watchers = Watchers(MemoryBus(Hub(), system.RUN), only, folder)
+        self._watchers.open(tomli_w.dumps(to_builtins(only)).encode(), None, None)
         self.close = self._watchers.close
 
     def observe(self, record: TickRecord) -> None:

@@ -1,6 +1,6 @@
 """How well robots find their way: `swarm bench navigation`.
 
-Group --make--> Case --course, by a crew of processes--> Run --rows--> table | JSON
+Group --make--> Case --course, by processes that share--> Run --rows--> table | JSON
                                                           '--worst--> TOML for `swarm run`
 
 cases       a scenario and the times it is measured against
@@ -8,7 +8,6 @@ encounters  families of several robots
 obstacles   families of one robot
 data        families from public benchmark data, when it is there
 course      one run in memory, and what it came to
-crew        processes that share the runs
 rows        figures of all runs of a group, the worst runs
 peers       what others reached
 table       the figures for people
@@ -32,11 +31,11 @@ import tomli_w
 
 from swarm import errors, runs
 from swarm import scenario as scenarios
+from swarm.run import sharing
 from swarm.run.bench import NAVIGATION, figures
 from swarm.run.bench.navigation import (
     cases,
     course,
-    crew,
     data,
     encounters,
     obstacles,
@@ -139,15 +138,15 @@ def measure(plan: Plan, out: Path | None, advance: Advance) -> Navigation:
     order = {(group.family, group.size): place for place, group in enumerate(plan.groups)}
     found: list[Run] = []
     workers = min(os.cpu_count() or 1, max(1, plan.count))
-    sharing = crew.share(course.run, plan.jobs(), workers)
+    shared = sharing.share(course.run, plan.jobs(), workers, "bench")
     try:
-        for done in sharing:
+        for done in shared:
             run = done.value or _crashed(done.job, done.problem)
             found.append(run)
             said = f"{run.family} {run.size} {run.number} {run.controller}: {run.outcome}"
             advance(len(found), plan.count, said)
     finally:
-        sharing.close()
+        shared.close()
     found.sort(key=lambda run: (order[run.family, run.size], run.controller, run.number))
     table = results.rows(found, judged=not plan.tiny)
     return Navigation(

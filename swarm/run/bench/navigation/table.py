@@ -1,16 +1,11 @@
-"""Progress and figures of `swarm bench navigation` for people."""
+"""Figures of `swarm bench navigation` for people."""
 
 from __future__ import annotations
 
-import time
-from types import TracebackType
-
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from swarm.run import front
 from swarm.run.bench.navigation import peers
 from swarm.run.bench.navigation.peers import Published
 from swarm.run.bench.navigation.rows import Navigation, Row, Worst
@@ -21,47 +16,6 @@ COLUMNS = (
     *("MAKESPAN", "TIME", "PATH", "SCORE", "us/STEP", "EXPECTED"),
 )
 COLUMNS_LEFT = ("WHAT", "CONTROLLER", "EXPECTED")
-
-
-class Bar:
-    """How far it is: a bar on a terminal, a line now and then elsewhere; on standard error."""
-
-    def __init__(self) -> None:
-        console = Console(stderr=True)
-        self._line_due_s = time.monotonic() + front.PLAIN_PERIOD_S
-        self._bar: Progress | None = None
-        if console.is_terminal:
-            self._bar = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeRemainingColumn(),
-                console=console,
-                transient=True,
-            )
-            self._task = self._bar.add_task("navigation", total=None)
-
-    def __enter__(self) -> Bar:
-        if self._bar is not None:
-            self._bar.start()
-        return self
-
-    def advance(self, done: int, total: int, newest: str) -> None:
-        """After each run."""
-        if self._bar is not None:
-            self._bar.update(self._task, completed=done, total=total, description=newest)
-        elif time.monotonic() >= self._line_due_s:
-            self._line_due_s = time.monotonic() + front.PLAIN_PERIOD_S
-            front.say(f"navigation: {done} of {total} runs, {newest}")
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
 
 
 def show(found: Navigation) -> None:

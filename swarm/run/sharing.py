@@ -20,9 +20,8 @@ from typing import Generic, TypeVar
 import msgspec
 
 from swarm import lifetime
-from swarm.run import supervisor
+from swarm.run import child
 
-PRELOAD = ["swarm.run.bench.navigation.course"]
 END_S = 2.0  # from SIGTERM to SIGKILL
 
 J = TypeVar("J")
@@ -40,16 +39,16 @@ class Done(msgspec.Struct, Generic[J, V], frozen=True):
 class _Worker(Generic[J, V]):
     """A process and what it has to do now."""
 
-    def __init__(self, work: Callable[[J], V], number: int) -> None:
+    def __init__(self, work: Callable[[J], V], name: str) -> None:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(PRELOAD)
+        context.set_forkserver_preload([work.__module__])
         self.job: J | None = None
         self.end, far = context.Pipe()
         self.process: ForkServerProcess = context.Process(
             target=_main,
-            args=(far, work, f"bench-{number}", multiprocessing.current_process().pid),
+            args=(far, work, name, multiprocessing.current_process().pid),
         )
-        with supervisor.without_main():
+        with child.without_main():
             self.process.start()
         far.close()
 
@@ -70,7 +69,7 @@ class _Worker(Generic[J, V]):
 
 
 def share(
-    work: Callable[[J], V], jobs: Iterable[J], workers: int
+    work: Callable[[J], V], jobs: Iterable[J], workers: int, name: str
 ) -> Generator[Done[J, V], None, None]:
     """Every job done by some worker, in the order in which they end.
 
@@ -78,12 +77,13 @@ def share(
         work: a function of a module, so that a process can find it. What it raises is a problem
             of that job alone; a process that dies is replaced.
         jobs: taken one by one, when a worker is free.
+        name: of the processes, with a number behind it.
     """
     todo = iter(jobs)
     crew: list[_Worker[J, V]] = []
     try:
         while len(crew) < workers and (first := next(todo, None)) is not None:
-            crew.append(_Worker(work, len(crew) + 1))
+            crew.append(_Worker(work, f"{name}-{len(crew) + 1}"))
             crew[-1].give(first)
         while busy := {worker.end: worker for worker in crew if worker.job is not None}:
             for end in connection.wait(list(busy)):
@@ -96,7 +96,7 @@ def share(
                 if worker.process.exitcode is not None:
                     end.close()
                     place = crew.index(worker)
-                    worker = crew[place] = _Worker(work, place + 1)
+                    worker = crew[place] = _Worker(work, f"{name}-{place + 1}")
                 worker.give(job)
     finally:
         _end(crew)

@@ -1,0 +1,161 @@
+"""What the world answers while it runs: scenarios to robots, status and faults to people.
+
+Answers are given on a thread of the bus: they read what the run has made, and leave what they are
+asked for where the run takes it up at its next tick.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import msgspec
+
+from swarm import errors, faults, lifetime, messages, metrics
+from swarm import scenario as scenarios
+from swarm.bus import Bus
+from swarm.faults import Fault
+from swarm.messages import (
+    STATUS,
+    ControlRequest,
+    Reply,
+    RobotStatus,
+    ScenarioRequest,
+    SensorFrame,
+    Status,
+)
+from world.pulse import Pulse
+from world.situation import Situation
+
+STATUS_PERIOD_S = 0.5  # wall
+
+Phase = Literal["starting", "running", "ended"]
+
+
+class Desk:
+    """Answers for one conducted run."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        situation: Situation,
+        stop: lifetime.Stop,
+        score: metrics.Score,
+        *,
+        on_status: Callable[[Status], None],
+        now: Callable[[], float],
+        wall_s: Callable[[], float],
+    ) -> None:
+        """`wall_s` tells how long the run has lasted; `on_status` hears all that is published."""
+        self.phase: Phase = "starting"
+        self.score = score
+        self._bus = bus
+        self._run = situation
+        self._stop = stop
+        self._on_status = on_status
+        self._now = now
+        self._wall_s = wall_s
+        self.frames: Sequence[SensorFrame] = ()  # of this tick
+        self.pulse = Pulse()
+        self._asked: deque[Fault] = deque()
+        self._due_s = 0.0
+
+    def open(self) -> None:
+        """Answer from now on."""
+        self._bus.serve(messages.SCENARIO, self._answer_scenario)
+        self._bus.serve(messages.CONTROL, self._answer_control)
+
+    def take_faults(self) -> None:
+        """Add the faults that people have asked for to those of the run."""
+        while self._asked:
+            self._run.faults.append(self._asked.popleft())
+
+    def publish(self) -> None:
+        """Tell the status, if it is time to."""
+        if self._now() >= self._due_s:
+            self._due_s = self._now() + STATUS_PERIOD_S
+            self.pulse.measure(self._now(), self._run.tick)
+            status = self._status()
+            self._bus.publish(STATUS, status)
+            self._on_status(status)
+
+    def close(self) -> None:
+        """Tell the last status, whatever the time."""
+        self.phase = "ended"
+        self._due_s = 0.0
+        self.publish()
+
+    def _answer_scenario(self, request: ScenarioRequest) -> Reply:
+        try:
+            setup = self._run.scenario.setup(request.robot)
+        except KeyError:
+            known = ", ".join(self._run.members)
+            return Reply(False, f"expected one of {known}, got '{request.robot}'")
+        return Reply(True, body=msgspec.msgpack.encode(setup))
+
+    def _answer_control(self, request: ControlRequest) -> Reply:
+        text = ""
+        if request.action == "stop":
+            self._stop.request("stopped by request")
+        elif request.action == "fault":
+            try:
+                text = self._accept(request.spec)
+            except errors.ScenarioError as error:
+                return Reply(False, str(error))
+        return Reply(True, text, messages.encode(self._status()))
+
+    def _accept(self, spec: str) -> str:
+        """Take a fault that is asked for while the run goes on; raises ScenarioError."""
+        run = self._run
+        now_s = run.tick * run.scenario.dt_s
+        next_s = (run.tick + 1) * run.scenario.dt_s
+        fault = scenarios.fault(spec, at_s=next_s, names=list(run.members))
+        if fault.at_s < now_s:
+            raise errors.ScenarioError(
+                f"fault {spec}: expected a time that is still to come, got {fault.at_s:g} s at "
+                f"{now_s:.2f} s; leave @start_s out for now"
+            )
+        self._asked.append(fault)
+        return faults.text_of(fault)
+
+    def _status(self) -> Status:
+        run, scenario = self._run, self._run.scenario
+        wall_s, now_s, pulse = self._wall_s(), self._now(), self.pulse
+        heard = {frame.robot: len(frame.beacons) for frame in self.frames}
+        rows = []
+        for body, (name, member) in zip(run.state.bodies, run.members.items(), strict=True):
+            beacon = body.beacon
+            leader = beacon.leadership.name if beacon and beacon.leadership else ""
+            rows.append(
+                RobotStatus(
+                    name=name,
+                    state=member.state,
+                    mode=beacon.mode if beacon else "",
+                    leader=leader,
+                    arrived=bool(beacon and beacon.arrived),
+                    late_commands=member.late_commands,
+                    error_m=metrics.formation_error_now(self.score, name),
+                    reason=beacon.reason if beacon else "",
+                    restarts=member.restarts,
+                    heard=heard.get(name, 0),
+                    yields_to=(beacon and beacon.yields_to) or "",
+                    commands_per_s=pulse.rate(name),
+                    command_age_s=pulse.age_s(name, now_s),
+                    unanswered=max(0, member.sent_tick - member.answered_tick),
+                )
+            )
+        return Status(
+            run=self._bus.run,
+            scenario=scenario.title,
+            tick=run.tick,
+            stamp_ns=scenario.stamp_ns(run.tick),
+            clock=scenario.clock.mode,
+            state=self.phase,
+            duration_s=scenario.duration_s,
+            real_time_factor=run.tick * scenario.dt_s / wall_s if wall_s > 0.0 else 0.0,
+            robots=tuple(rows),
+            rejected_messages=sum(self._bus.rejected().values()),
+            rate=scenario.clock.rate,
+            real_time_factor_now=pulse.ticks_per_s * scenario.dt_s,
+        )
