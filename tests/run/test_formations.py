@@ -110,4 +110,4 @@ def test_followers_fail_with_a_leader_that_finds_no_way() -> None:
         ("blocked", "leader"),
         ("blocked", "leader"),
     ]
-    assert summary.sim_time_s < 80.0
+    assert summary.sim_time_s < 90.0  # before its time is up
