@@ -697,23 +697,28 @@ def _convert(raw: Any, type_: type[T], where: str, inside: str = "") -> T:
         text, path = match["text"], (match["path"] or "$").removeprefix("$").lstrip(".")
         found = _found(raw, path)
         full = ".".join(part for part in (inside, path) if part) or "the whole file"
-        text = _expected(text[0].lower() + text[1:], type_, path, raw)
+        text, known = _expected(text[0].lower() + text[1:], type_, path, raw)
         got = "" if ", got" in text or found is None else f", got {found}"
-        raise errors.ScenarioError(f"{where}: {full}: {text}{got}") from error
+        word = text.rsplit(", got ", 1)[-1] if ", got" in text else found or ""
+        hint = errors.did_you_mean(word.strip("'"), known)
+        raise errors.ScenarioError(f"{where}: {full}: {text}{got}{hint}") from error
 
 
-def _expected(text: str, type_: Any, path: str, raw: Any) -> str:
-    """Text of msgspec's, with the known keys or values where it does not name them."""
+def _expected(text: str, type_: Any, path: str, raw: Any) -> tuple[str, list[str]]:
+    """Text of msgspec's, with the known keys or values where it does not name them; and those."""
+    known: list[str] = []
     if "unknown field" in text:
         name, known = text.split("`")[1], _known(type_, path, raw)
-        return f"expected one of the keys {', '.join(known)}, got '{name}'"
-    if "invalid enum value" in text:
-        return f"expected one of {', '.join(_known(type_, path, raw))}"
-    if _KIND.search(path) and "invalid value" in text:
-        return f"expected one of {', '.join(faults_.KINDS)}"
-    if "missing required field" in text:
-        return f"expected the key '{text.split('`')[1]}', got none"
-    return text
+        text = f"expected one of the keys {', '.join(known)}, got '{name}'"
+    elif "invalid enum value" in text:
+        known = _known(type_, path, raw)
+        text = f"expected one of {', '.join(known)}"
+    elif _KIND.search(path) and "invalid value" in text:
+        known = list(faults_.KINDS)
+        text = f"expected one of {', '.join(known)}"
+    elif "missing required field" in text:
+        text = f"expected the key '{text.split('`')[1]}', got none"
+    return text, known
 
 
 def _known(type_: Any, path: str, raw: Any) -> list[str]:

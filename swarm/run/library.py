@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib.resources
 from pathlib import Path
 from typing import Any
@@ -37,8 +36,7 @@ def read_scenario(text: str) -> tuple[str, str, bytes]:
         raise errors.ScenarioError(
             f"{path}: expected a file that can be read, got: {error.strerror}"
         ) from error
-    near = difflib.get_close_matches(text, known, n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
+    hint = errors.did_you_mean(text, known)
     raise errors.ScenarioError(
         f"scenario: expected one of {', '.join(known)} or a TOML file, got '{text}'{hint}"
     )

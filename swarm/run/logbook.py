@@ -5,7 +5,6 @@ logs/*.log --Tail--> entries --by time--> lines on standard output
 
 from __future__ import annotations
 
-import difflib
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -75,8 +74,7 @@ def is_running(folder: Path) -> bool:
 def _check(names: Sequence[str], known: Sequence[str]) -> None:
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
+            hint = errors.did_you_mean(name, known)
             raise errors.UsageError(f"expected one of {', '.join(known)}, got '{name}'{hint}")
 
 

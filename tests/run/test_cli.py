@@ -17,46 +17,12 @@ import pytest
 from swarm import metrics, recording, runs
 from tests.run import processes
 
-VERBS = [
-    "run",
-    "scenarios",
-    "validate",
-    "status",
-    "top",
-    "logs",
-    "stop",
-    "kill",
-    "restart",
-    "fault",
-    "verify",
-    "replay",
-    "diff",
-    "why",
-    "bench",
-    "reproduce",
-    "world",
-    "robot",
-    "doctor",
-    "view",
-    "new",
-    "version",
-]
-
-
 Here = Callable[[str], subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture
 def here(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
     return functools.partial(processes.here, monkeypatch, capsys, folder)
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_help_teaches_every_verb(here: Here, verb: str) -> None:
-    done = here(f"{verb} --help")
-    assert done.returncode == 0
-    assert "Usage" in done.stdout
-    assert verb in done.stdout
 
 
 BAD_SETTINGS = {

@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 import os
 import sys
@@ -64,8 +65,18 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "doctor": own.doctor,
     "version": hand.version,
 }
+
+
+def flowed(text: str) -> str:
+    """A docstring as help: paragraphs as wide as the terminal, examples line by line."""
+    paragraphs = inspect.cleandoc(text).split("\n\n")
+    return "\n\n".join(
+        one if one.startswith("Example") else " ".join(one.split()) for one in paragraphs
+    )
+
+
 for name, verb in VERBS.items():
-    app.command(name)(verb)
+    app.command(name, help=flowed(verb.__doc__ or ""))(verb)
 
 
 def main() -> None:
