@@ -4,12 +4,13 @@ PYTHON ?= python3
 BIN := .venv/bin
 VIEW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),native,none)
 
-.PHONY: help setup demo test test-kills test-soak lint types bench clean
+.PHONY: help setup demo test test-kills test-fuzz test-soak lint types bench clean
 
 help:
 	@echo "make demo    six robots cross two obstacles in formation; opens Rerun where there is a display"
 	@echo "make test    lint, types, tests"
 	@echo "make test-kills  the full campaign of random kills"
+	@echo "make test-fuzz   a million payloads, 10,000 scenario files, 1,000 damaged recordings"
 	@echo "make test-soak   a thousand kills and restarts in one run of 20 robots (20 minutes)"
 	@echo "make bench   what a swarm costs, as ratios"
 	@echo "make setup   only make .venv"
@@ -39,6 +40,9 @@ test: lint types
 
 test-kills: setup
 	$(BIN)/python -m pytest tests/run/test_kill.py --kills 20
+
+test-fuzz: setup
+	$(BIN)/python -m pytest tests/fuzz --fuzz 50
 
 test-soak: setup
 	$(BIN)/python -m pytest tests/run/test_soak.py --soak 1000 -s

@@ -16,8 +16,9 @@ score       what adds up from tick to tick
 metrics     stream of ticks -> summary
 bus         the seam between processes; in memory here, over Zenoh in zenoh_bus
 log         what a process has to say: JSON Lines
-recording   MCAP out and in; playback reads, verdict judges, mending repairs, salvage digs,
-            backlog waits, container knows the format
+recording   MCAP out and in: container knows the format, backlog waits for the disk; salvage and
+            source take a file apart, playback reads a run; findings and verdict judge it,
+            mending repairs it
 compare     where two ticks differ, by robot and field
 run         what composes them: command line, supervisor, lock-step, replay, bench, reproduce
 """

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from swarm import errors
-from swarm.playback import Counts, TopicCount
+from swarm.source import Counts, TopicCount
 
 
 class Batch:

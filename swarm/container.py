@@ -15,7 +15,7 @@ from mcap.writer import Writer as McapWriter
 
 from swarm import messages
 from swarm.messages import TickRecord
-from swarm.playback import PROFILE, TICK_TOPIC
+from swarm.source import PROFILE, TICK_TOPIC
 
 __all__ = ["Channel", "McapWriter", "register", "register_tick", "schema_text", "start"]
 

@@ -14,18 +14,16 @@ import msgspec
 
 from swarm import container, errors, salvage
 from swarm.container import Channel, McapWriter
-from swarm.playback import (
+from swarm.playback import beginning, read, segment_paths
+from swarm.source import (
     REPAIR_METADATA,
     TICK_TOPIC,
     Attachment,
     Metadata,
     Source,
     TickRange,
-    beginning,
     decode_tick,
     is_tick,
-    read,
-    segment_paths,
 )
 from swarm.verdict import Verdict, verify, verify_file
 

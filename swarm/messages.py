@@ -37,6 +37,11 @@ Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
 Reason = Literal["", "contact", "sensors", "motors", "enclosed", "too-long", "leader"]
 
 
+# Of an array. Where one side is 0 the others could be anything, and numpy does not take that.
+SIDES_MAX = 3
+SIDE_MAX = 65_536
+
+
 # --- pieces -------------------------------------------------------------------------------------
 
 
@@ -49,10 +54,14 @@ class Array(msgspec.Struct, frozen=True, array_like=True):
 
     def __post_init__(self) -> None:
         expected = prod(self.shape) * (8 if self.dtype == "<f8" else 4)
-        if len(self.data) != expected or any(side < 0 for side in self.shape):
+        if len(self.data) != expected:
             raise ValueError(
                 f"expected {expected} bytes for shape {self.shape} of {self.dtype}, "
                 f"got {len(self.data)}"
+            )
+        if len(self.shape) > SIDES_MAX or not all(0 <= side <= SIDE_MAX for side in self.shape):
+            raise ValueError(
+                f"expected at most {SIDES_MAX} sides of 0 to {SIDE_MAX}, got {self.shape}"
             )
 
     def numpy(self) -> npt.NDArray[Any]:
@@ -161,6 +170,10 @@ class Trace(msgspec.Struct, frozen=True, array_like=True):
     error: Vec2 = (0.0, 0.0)  # e of eq. 47: m, rad
     speed_limit_mps: Finite = 0.0  # what braking guard and peer guard allowed
     limited_by: str = ""  # "" | "brake" | the peer's name
+
+    def __post_init__(self) -> None:
+        if self.sectors.dtype != "<f4" or len(self.sectors.shape) != 1:
+            raise ValueError(f"expected sectors as (sectors,) of <f4, got {self.sectors.dtype}")
 
 
 # --- what travels -------------------------------------------------------------------------------
@@ -364,6 +377,12 @@ class FrameRecord(msgspec.Struct, frozen=True, array_like=True):
     contact: bool
     ranges: Array
     heard: Array  # (beacons, 2) int32: row of the speaker, tick of its beacon
+
+    def __post_init__(self) -> None:
+        if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:
+            raise ValueError(f"expected ranges as (beams,) of <f4, got {self.ranges.dtype}")
+        if self.heard.dtype != "<i4" or self.heard.shape[1:] != (2,):
+            raise ValueError(f"expected heard as (beacons, 2) of <i4, got {self.heard.shape}")
 
 
 class TickRecord(msgspec.Struct, frozen=True, array_like=True):

@@ -27,7 +27,8 @@ from swarm.backlog import Account, Batch, Stream
 from swarm.container import Channel
 from swarm.mending import Repair, repair
 from swarm.messages import TickRecord
-from swarm.playback import (
+from swarm.playback import Recording, next_segment, read, segment_path, segment_paths, ticks_before
+from swarm.source import (
     COUNTS_METADATA,
     FILE_NAME,
     FIRST_TICK_KEY,
@@ -37,15 +38,9 @@ from swarm.playback import (
     TICK_CHANNEL_ID,
     TICK_CONTENT,
     Counts,
-    Recording,
     TickRange,
     TopicCount,
-    next_segment,
-    read,
-    segment_path,
-    segment_paths,
     tick_content,
-    ticks_before,
 )
 from swarm.verdict import Verdict, verify
 

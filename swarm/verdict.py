@@ -1,6 +1,6 @@
 """Whether a recording is all that there was to record.
 
-    run.mcap, run.1.mcap ... --look--> _Findings of each --judge--> Verdict: all there? readable?
+    run.mcap, run.1.mcap ... --look--> Findings of each --judge--> Verdict: all there? readable?
                               \\-- where they overlap, do they agree? --/
 
 A segment that another continues may end anywhere, since that is how a killed world leaves it: what
@@ -12,48 +12,33 @@ from __future__ import annotations
 
 import os
 import tomllib
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
-from swarm import compare, errors, salvage
+from swarm import compare
+from swarm.findings import (
+    LISTED_MAX,
+    Findings,
+    SegmentRow,
+    all_topics_of,
+    is_empty,
+    look,
+    topics_of,
+    with_tail,
+)
 from swarm.messages import TickRecord
-from swarm.playback import (
-    COUNTS_METADATA,
-    FIRST_TICK_KEY,
+from swarm.playback import merged, segment_paths
+from swarm.source import (
     REPAIR_METADATA,
     RUN_METADATA,
     SCENARIO_NAME,
     TICK_CONTENT,
-    TICK_TOPIC,
-    Attachment,
-    Counts,
-    Metadata,
-    Part,
-    Source,
     TickRange,
     TopicCount,
-    decode_tick,
-    is_end,
-    is_tick,
-    merged,
-    segment_paths,
     tick_content,
 )
-
-LISTED_MAX = 100  # damages and gaps named one by one; the rest is only counted
-BLOCK_BYTES = 1 << 20  # read at a time for a crc
-
-
-class SegmentRow(msgspec.Struct, frozen=True):
-    """One file of a run."""
-
-    path: str
-    first_tick: int | None  # None when it holds no tick
-    last_tick: int | None
-    complete: bool  # closed properly: footer and summary are there
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -75,58 +60,6 @@ class Verdict(msgspec.Struct, frozen=True):
     text: tuple[str, ...]  # the same in lines for a person
 
 
-class _Findings:
-    """What has been seen of a file so far."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.failure = ""  # why nothing of it can be read
-        self.size = 0
-        self.damages: list[str] = []
-        self.damage_count = 0
-        self.cuts: list[str] = []  # damages that are nothing but the end of a file
-        self.crc_errors = 0
-        self.complete = False
-        self.metadata: dict[str, Mapping[str, str]] = {}
-        self.scenario_toml: bytes | None = None
-        self.channels: dict[int, str] = {}
-        self.found: dict[str, int] = {}  # by topic, of the ticks' content
-        self.others: dict[int, int] = {}  # by channel, which the summary may name
-        self.ticks: list[TickRange] = []  # runs of consecutive ticks, in the order of the file
-        self.tick_count = 0
-        self.stamp_ns_last = 0
-        self.stamp_ns_first: int | None = None
-
-    def damage(self, text: str, *, crc: bool = False) -> None:
-        self.damage_count += 1
-        self.crc_errors += crc
-        if len(self.damages) < LISTED_MAX:
-            self.damages.append(text)
-
-    def row(self) -> SegmentRow:
-        first = min((run.first for run in self.ticks), default=None)
-        last = max((run.last for run in self.ticks), default=None)
-        return SegmentRow(self.path.name, first, last, self.complete)
-
-    @property
-    def first_tick(self) -> int:
-        """Where it says that it begins."""
-        text = self.metadata.get(RUN_METADATA, {}).get(FIRST_TICK_KEY, "0")
-        return int(text) if text.isascii() and text.isdigit() and len(text) < 16 else 0
-
-    def tick(self, record: TickRecord) -> None:
-        for topic, number in zip(TICK_CONTENT, tick_content(record), strict=True):
-            self.found[topic] = self.found.get(topic, 0) + number
-        self.tick_count += 1
-        self.stamp_ns_last = max(self.stamp_ns_last, record.stamp_ns)
-        if self.stamp_ns_first is None:
-            self.stamp_ns_first = record.stamp_ns
-        if self.ticks and record.tick == self.ticks[-1].last + 1:
-            self.ticks[-1] = TickRange(self.ticks[-1].first, record.tick)
-        else:
-            self.ticks.append(TickRange(record.tick, record.tick))
-
-
 def verify(path: str | os.PathLike[str], last_tick: int | None = None) -> Verdict:
     """Reads all of a run's recording and says what is there, damaged or missing; never raises.
 
@@ -134,77 +67,18 @@ def verify(path: str | os.PathLike[str], last_tick: int | None = None) -> Verdic
         last_tick: of the run, when it is known from elsewhere: a file that was cut, or mended
             since, cannot tell what came behind.
     """
-    return _judge([_look(file) for file in segment_paths(Path(path))], last_tick)
+    return _judge([look(file) for file in segment_paths(Path(path))], last_tick)
 
 
 def verify_file(path: Path) -> Verdict:
     """The same of one file alone."""
-    return _judge([_look(path)], None)
-
-
-def _look(path: Path) -> _Findings:
-    findings = _Findings(path)
-    try:
-        with Source(path) as source:
-            findings.size = source.size
-            for part in source.parts():
-                _look_at(part, source, findings)
-    except errors.RecordingError as error:
-        findings.failure = str(error)
-    return findings
-
-
-def _look_at(part: Part, source: Source, findings: _Findings) -> None:
-    match part:
-        case salvage.Damage():
-            text = f"byte {part.offset}, {part.size} bytes: {part.text}"
-            if is_end(part):
-                findings.cuts.append(text)
-            else:
-                findings.damage(text, crc=part.crc)
-        case Metadata():
-            findings.metadata[part.name] = part.values
-        case Attachment():
-            if part.name == SCENARIO_NAME:
-                findings.scenario_toml = part.data
-        case salvage.Channel():
-            findings.channels[part.id] = part.topic
-        case salvage.Message() if is_tick(part, findings.channels):
-            record = decode_tick(part.data)
-            if record is None:
-                findings.damage(f"message {part.sequence} of '{TICK_TOPIC}' is not a tick")
-            else:
-                findings.tick(record)
-        case salvage.Message():
-            number = findings.others.get(part.channel_id, 0)
-            findings.others[part.channel_id] = number + 1
-        case salvage.Record(opcode=salvage.Opcode.DATA_END):
-            stored = int.from_bytes(part.body[:4], "little")
-            if stored != _crc(source, 0, part.offset):
-                findings.damage("the data's crc does not fit: a byte has changed", crc=True)
-        case salvage.Record(opcode=salvage.Opcode.FOOTER):
-            start, _, stored = salvage.FOOTER_BODY.unpack(part.body)
-            end = part.offset + part.size - 4  # the crc covers the footer up to itself
-            findings.complete = 0 < start <= part.offset
-            if not findings.complete or stored != _crc(source, start, end):
-                findings.damage("the summary's crc does not fit: a byte has changed", crc=True)
-
-
-def _crc(source: Source, start: int, end: int) -> int:
-    crc = 0
-    while start < end:
-        block = source.read_at(start, min(BLOCK_BYTES, end - start))
-        if not block:
-            return -1
-        crc = zlib.crc32(block, crc)
-        start += len(block)
-    return crc
+    return _judge([look(path)], None)
 
 
 # --- judging --------------------------------------------------------------------------------------
 
 
-def _judge(files: list[_Findings], end: int | None) -> Verdict:
+def _judge(files: list[Findings], end: int | None) -> Verdict:
     last = files[-1]
     if all(file.failure for file in files):
         return _nothing(files, end)
@@ -216,14 +90,14 @@ def _judge(files: list[_Findings], end: int | None) -> Verdict:
     first_tick = min((run.first for run in runs), default=None)
     damages = _damages(files)
     missing = _missing(files)
-    topics, disagreement = _topics(last), None
+    topics, disagreement = topics_of(last), None
     if len(files) > 1:
         toml = next((file.scenario_toml for file in files if file.scenario_toml is not None), b"")
         content, disagreement = _run_through(files, toml)
-        topics = _all_topics(files, content, gap_ticks)
+        topics = all_topics_of(files, content, gap_ticks)
     if end is not None and end > (-1 if last_tick is None else last_tick):
         gaps = (*gaps, TickRange(0 if last_tick is None else last_tick + 1, end))
-        topics = _with_tail(topics, end + 1 - files[0].first_tick)
+        topics = with_tail(topics, end + 1 - files[0].first_tick)
     ok = (
         last.complete
         and last_tick is not None
@@ -283,7 +157,7 @@ def _judge(files: list[_Findings], end: int | None) -> Verdict:
     )
 
 
-def _nothing(files: list[_Findings], end: int | None) -> Verdict:
+def _nothing(files: list[Findings], end: int | None) -> Verdict:
     """Verdict on what cannot be read at all."""
     gaps = () if end is None or end < 0 else (TickRange(0, end),)
     return Verdict(
@@ -304,13 +178,13 @@ def _nothing(files: list[_Findings], end: int | None) -> Verdict:
     )
 
 
-def _damages(files: list[_Findings]) -> list[str]:
+def _damages(files: list[Findings]) -> list[str]:
     """All that cannot be read; the end of a file is none where another goes on with the run."""
     damages = []
     for number, file in enumerate(files):
         where = f"{file.path.name}: " if len(files) > 1 else ""
         continued = number < len(files) - 1
-        if file.failure and not (continued and _is_empty(file)):
+        if file.failure and not (continued and is_empty(file)):
             damages.append(file.failure)
         found = [*file.damages, *([] if continued else file.cuts)]
         more = file.damage_count - len(file.damages)
@@ -319,12 +193,7 @@ def _damages(files: list[_Findings]) -> list[str]:
     return damages
 
 
-def _is_empty(file: _Findings) -> bool:
-    """Killed before it had written anything."""
-    return file.path.is_file() and file.size == 0
-
-
-def _missing(files: list[_Findings]) -> list[str]:
+def _missing(files: list[Findings]) -> list[str]:
     """What every file should begin with, and whether they are of one run."""
     missing = []
     for number, file in enumerate(files):
@@ -343,7 +212,7 @@ def _missing(files: list[_Findings]) -> list[str]:
     return missing
 
 
-def _seams(files: list[_Findings]) -> list[str]:
+def _seams(files: list[Findings]) -> list[str]:
     """How each segment ends and where the run goes on, in words."""
     lines = []
     for number, file in enumerate(files[:-1]):
@@ -359,22 +228,8 @@ def _seams(files: list[_Findings]) -> list[str]:
     return lines
 
 
-def _with_tail(topics: Sequence[TopicCount], ticks: int) -> tuple[TopicCount, ...]:
-    """Counts when so many ticks are known to have been."""
-    found = {count.topic: count for count in topics}
-    count = found.get(TICK_TOPIC, TopicCount(TICK_TOPIC, 0, 0, 0, 0))
-    found[TICK_TOPIC] = TopicCount(
-        TICK_TOPIC,
-        max(count.expected, ticks),
-        count.received,
-        count.written,
-        max(count.lost, ticks - count.written),
-    )
-    return tuple(found.values())
-
-
 def _run_through(
-    files: Sequence[_Findings], scenario_toml: bytes
+    files: Sequence[Findings], scenario_toml: bytes
 ) -> tuple[dict[str, int], str | None]:
     """(messages that the ticks of a run hold, first tick that two segments tell differently).
 
@@ -438,61 +293,3 @@ def _disorder(ranges: Sequence[TickRange]) -> tuple[int, int]:
         duplicates += max(0, min(end, run.last) - run.first + 1)
         end = max(end, run.last)
     return duplicates, passed_over - duplicates
-
-
-def _noted(findings: _Findings) -> dict[str, TopicCount]:
-    """Counts that the writer left in a file, if it came to that."""
-    text = findings.metadata.get(COUNTS_METADATA, {}).get("counts", "{}")
-    try:
-        return {count.topic: count for count in msgspec.json.decode(text, type=Counts).topics}
-    except (msgspec.DecodeError, ValueError, RecursionError):
-        return {}
-
-
-def _found(findings: _Findings) -> dict[str, int]:
-    """Messages of a file by topic: what ticks hold, and the viewers' channels."""
-    found = dict(findings.found)
-    others = dict(findings.others)
-    for channel, topic in findings.channels.items():
-        found[topic] = found.get(topic, 0) + others.pop(channel, 0)
-    if others:
-        found["unknown"] = sum(others.values())
-    return found
-
-
-def _topics(findings: _Findings) -> tuple[TopicCount, ...]:
-    """Counts of one file against those that the writer left in it."""
-    noted, found = _noted(findings), _found(findings)
-    result = []
-    for topic in [*noted, *(topic for topic in found if topic not in noted)]:
-        number = found.get(topic, 0)
-        note = noted.get(topic, TopicCount(topic, number, number, number, 0))
-        lost = max(0, note.expected - number)
-        result.append(TopicCount(topic, note.expected, note.received, number, lost))
-    return tuple(result)
-
-
-def _all_topics(
-    files: Sequence[_Findings], content: Mapping[str, int], missing: int
-) -> tuple[TopicCount, ...]:
-    """Counts of a run in several files, where ticks that are in two of them count once.
-
-    What a tick holds is lost with the tick, so ticks tell of all but the end of the run, and of
-    that the last writer's own account tells what it could not keep.
-    """
-    last = {count.topic: count.lost for count in _topics(files[-1])}
-    row = files[-1].row()
-    if row.first_tick is not None and row.last_tick is not None and TICK_TOPIC in last:
-        here = sum(run.last - run.first + 1 for run in files[-1].ticks)
-        last[TICK_TOPIC] -= row.last_tick - row.first_tick + 1 - here  # these are in `missing`
-    found: dict[str, int] = dict(content)
-    for file in files:
-        for topic, number in _found(file).items():
-            if topic not in TICK_CONTENT:
-                found[topic] = found.get(topic, 0) + number
-    result = []
-    for topic, number in found.items():
-        received = number + max(0, last.get(topic, 0))
-        expected = received + (missing if topic == TICK_TOPIC else 0)
-        result.append(TopicCount(topic, expected, received, number, expected - number))
-    return tuple(result)

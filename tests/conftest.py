@@ -100,8 +100,9 @@ def _made_tick(tick: int, robots: int, beams: int) -> TickRecord:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """How long the random campaigns are; `make test-kills`, `make test-soak` run the full ones."""
+    """How long the random campaigns are; `make test-kills`, `-fuzz`, `-soak` run the full ones."""
     parser.addoption("--kills", type=int, default=2, help="random kills of each kind (full: 20)")
+    parser.addoption("--fuzz", type=int, default=1, help="parts of the fuzzing (full: 50)")
     parser.addoption("--soak", type=int, default=3, help="kill-and-restart cycles (full: 1000)")
 
 

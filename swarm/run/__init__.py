@@ -9,7 +9,7 @@ supervisor   one world process, N robot processes, and the person who watches
 crew         all these processes: what happens to them, and what is done about it
 supervision  the same for one of them, as a pure state machine
 child        one of them, started and signalled
-desk         what the world asks to be done to them
+inbox        what the world asks to be done to them
 viewers      where it can be watched, and finished runs shown
 processes    the processes of any running swarm, as the kernel sees them
 census       the same, joined with what the world says of them

@@ -47,20 +47,15 @@ class Child:
             )
             self._process.start()
         self.pid = self._process.pid or 0
-        self._handle: int | None = None
+        self.handle: int | None = None  # a pidfd: readable once the process is gone
         with contextlib.suppress(ProcessLookupError):  # it has come and gone
-            self._handle = os.pidfd_open(self.pid)
+            self.handle = os.pidfd_open(self.pid)
         self._code: int | None = None
-
-    def fileno(self) -> int:
-        """Readable once the process is gone."""
-        assert self._handle is not None
-        return self._handle
 
     def exit_code(self) -> int | None:
         """How it ended, None while it lives."""
         if self._code is None and (
-            self._handle is None or select.select([self._handle], [], [], 0.0)[0]
+            self.handle is None or select.select([self.handle], [], [], 0.0)[0]
         ):
             self._process.join(CODE_S)
             code = self._process.exitcode
@@ -69,9 +64,9 @@ class Child:
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal; nothing happens when it is gone."""
-        if self._handle is not None:
+        if self.handle is not None:
             with contextlib.suppress(ProcessLookupError):
-                signal.pidfd_send_signal(self._handle, number)
+                signal.pidfd_send_signal(self.handle, number)
 
     def is_stopped(self) -> bool:
         """Whether SIGSTOP holds it."""
@@ -99,9 +94,9 @@ class Child:
 
     def close(self) -> None:
         """Let go of what the kernel and multiprocessing keep of one that is gone."""
-        if self._handle is not None:
-            os.close(self._handle)
-            self._handle = None
+        if self.handle is not None:
+            os.close(self.handle)
+            self.handle = None
         with contextlib.suppress(ValueError):  # it lives after all
             self._process.close()
 

@@ -14,7 +14,7 @@ import msgspec
 
 from swarm.run import supervision
 from swarm.run.child import Child
-from swarm.run.desk import Ask
+from swarm.run.inbox import Ask
 from swarm.run.supervision import Life, Policy
 
 WORLD = "world"
@@ -207,8 +207,8 @@ class Crew:
     def waitables(self) -> Iterator[int]:
         """Descriptors, each of which becomes readable when one of them ends."""
         for name, child in self._children.items():
-            if self.lives[name].phase in supervision.LIVE and child.exit_code() is None:
-                yield child.fileno()
+            if self.lives[name].phase in supervision.LIVE and child.handle is not None:
+                yield child.handle
 
     def patience_s(self, most_s: float) -> float:
         """For how long nothing has to be done unless something happens."""

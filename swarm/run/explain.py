@@ -30,6 +30,7 @@ MODES = {
 REASONS = {
     "contact": "it has touched something",
     "sensors": "what its sensors say cannot be true",
+    "motors": "its motors do not do what it orders",
     "enclosed": "it went round all that is between it and its goal, both ways",
     "too-long": "it tried for too long",
     "leader": "its leader has given up",
@@ -268,16 +269,12 @@ def _right_of_way(found: Why) -> list[str]:
     if leadership.name == found.robot:
         lines.append(f"  it led, in term {leadership.term}")
         return lines
-    ages = [one for one in found.heard if one.name == leadership.name]
-    newest = min(ages, key=lambda one: one.age_ticks, default=None)
-    lines.append(
-        f"  it followed {leadership.name}, leader of term {leadership.term}, "
-        + (
-            "from whom nothing came in this tick"
-            if newest is None
-            else f"heard {newest.age_s:.2f} s ago"
-        )
+    sign = (
+        "whose last sign of life is too old to count"
+        if found.leader_age_s is None
+        else f"whose newest sign of life was {found.leader_age_s:.2f} s old"
     )
+    lines.append(f"  it followed {leadership.name}, leader of term {leadership.term}, {sign}")
     return lines
 
 

@@ -27,7 +27,7 @@ from swarm.messages import EVENT, PROCESS, STATUS, Event, Status
 from swarm.run import supervision
 from swarm.run.child import Child, free_port
 from swarm.run.crew import WORLD, Crew
-from swarm.run.desk import Desk
+from swarm.run.inbox import Inbox
 from swarm.run.viewers import Viewer, free_ports
 from swarm.scenario import Scenario
 
@@ -96,7 +96,7 @@ class _Supervisor:
     def __init__(self, plan: Plan, watcher: Watcher) -> None:
         self._plan = plan
         self._watcher = watcher
-        self._desk = Desk()
+        self._inbox = Inbox()
         self._ports = free_ports(plan.view, plan.foxglove)
         self._endpoint = ""
         self._crew = self._muster()
@@ -124,7 +124,7 @@ class _Supervisor:
             self._end_all()
             for number, handler in previous.items():
                 signal.signal(number, handler)
-            self._desk.close()
+            self._inbox.close()
             if viewer is not None:
                 viewer.close()
             if bus is not None:
@@ -139,7 +139,7 @@ class _Supervisor:
 
     def _heed(self, number: int, _: object) -> None:
         self._signals.append(number)
-        self._desk.wake()
+        self._inbox.wake()
 
     # --- start ---
 
@@ -223,7 +223,7 @@ class _Supervisor:
                 continue
             bus.subscribe(STATUS)
             bus.subscribe(EVENT)
-            bus.serve(PROCESS, self._desk.ask)
+            bus.serve(PROCESS, self._inbox.ask)
             bus.announce(SUPERVISOR, SUPERVISOR)
             return bus
         return None
@@ -278,12 +278,12 @@ class _Supervisor:
 
     def _attend(self) -> None:
         """See to everyone once."""
-        for ask in self._desk.take():
+        for ask in self._inbox.take():
             self._crew.take(ask)
         self._crew.notice()
 
     def _wait(self) -> None:
-        waitables = [self._desk.fileno(), *self._crew.waitables()]
+        waitables = [self._inbox.fileno(), *self._crew.waitables()]
         connection.wait(waitables, timeout=self._crew.patience_s(POLL_S))
 
     # --- the end ---

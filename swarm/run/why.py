@@ -118,6 +118,8 @@ class Why(msgspec.Struct, frozen=True, kw_only=True):
     claim: tuple[int, ...]
     yields_to: str | None
     leadership: Leadership | None
+    leader_age_s: float | None  # since the leader's newest sign of life, whoever passed it on
+    fit: bool  # whether it would lead
     heard: tuple[Heard, ...]
     unheard: tuple[str, ...]  # peers that lived, and of which nothing came
     # What it did.
@@ -293,6 +295,10 @@ def _why(plan: Scenario, moment: _Moment, frame: FrameRecord, name: str) -> Why:
         claim=claim,
         yields_to=None if beacon is None else beacon.yields_to,
         leadership=None if beacon is None else beacon.leadership,
+        leader_age_s=None
+        if beacon is None or beacon.leader_tick is None
+        else (record.tick - beacon.leader_tick) * plan.dt_s,
+        fit=beacon is not None and beacon.fit,
         heard=heard,
         unheard=tuple(
             robot.name

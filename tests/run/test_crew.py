@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from multiprocessing import connection
+from multiprocessing import connection, forkserver
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +17,7 @@ import pytest
 from swarm.messages import ProcessRequest, Reply
 from swarm.run import crew, supervision
 from swarm.run.child import Child
-from swarm.run.desk import Ask, Desk
+from swarm.run.inbox import Ask, Inbox
 
 OBEDIENT = "import time; time.sleep(60)"
 STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
@@ -35,7 +35,7 @@ class Team:
         self.said: list[str] = []
         policies = {name: WORLD if name == crew.WORLD else POLICY for name in lines}
         self.crew = crew.Crew(policies, self.start, self.said.append)
-        self.desk = Desk()
+        self.inbox = Inbox()
         for name in lines:
             self.crew.tell(name, supervision.Start())
 
@@ -47,10 +47,10 @@ class Team:
         return Child(name, run, arguments, log)
 
     def turn(self) -> None:
-        for ask in self.desk.take():
+        for ask in self.inbox.take():
             self.crew.take(ask)
         self.crew.notice()
-        waitables = [self.desk.fileno(), *self.crew.waitables()]
+        waitables = [self.inbox.fileno(), *self.crew.waitables()]
         connection.wait(waitables, timeout=self.crew.patience_s(0.1))
 
     def until(self, condition: Callable[[], object]) -> None:
@@ -68,7 +68,7 @@ class Team:
         """As the world asks, from another thread."""
         replies: list[Reply] = []
         request = ProcessRequest(name, action, incarnation)
-        asking = threading.Thread(target=lambda: replies.append(self.desk.ask(request)))
+        asking = threading.Thread(target=lambda: replies.append(self.inbox.ask(request)))
         asking.start()
         self.until(lambda: replies)
         asking.join()
@@ -80,7 +80,7 @@ class Team:
     def close(self) -> None:
         self.crew.stop_all()
         self.until(self.crew.is_over)
-        self.desk.close()
+        self.inbox.close()
 
 
 @pytest.fixture
@@ -200,6 +200,16 @@ def test_one_that_cannot_be_started_is_dead_and_the_rest_goes_on(
     assert one.said == ["robot1 cannot be started: [Errno 24] Too many open files"]
 
 
+def test_forkserver_that_is_killed_is_replaced(team: Callable[..., Team]) -> None:
+    one = team(robot1=OBEDIENT)
+    server: Any = forkserver._forkserver
+    pid = one.pid("robot1")
+    os.kill(server._forkserver_pid, signal.SIGKILL)
+    assert one.ask("robot1", "inspect").text == f"running: pid {pid}"
+    assert one.ask("robot1", "start", 1).ok
+    assert one.pid("robot1") != pid
+
+
 def test_what_we_slept_through_counts_against_nobody(
     team: Callable[..., Team], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,21 +220,21 @@ def test_what_we_slept_through_counts_against_nobody(
     assert one.crew.now_s() - before_s < 2.0
 
 
-def test_desk_answers_those_who_still_wait_when_it_closes() -> None:
-    desk = Desk()
+def test_inbox_answers_those_who_still_wait_when_it_closes() -> None:
+    inbox = Inbox()
     replies: list[Reply] = []
     request = ProcessRequest("robot1", "kill")
-    asking = threading.Thread(target=lambda: replies.append(desk.ask(request)))
+    asking = threading.Thread(target=lambda: replies.append(inbox.ask(request)))
     asking.start()
-    connection.wait([desk.fileno()], timeout=10.0)
-    desk.close()
+    connection.wait([inbox.fileno()], timeout=10.0)
+    inbox.close()
     asking.join(10.0)
     assert replies == [Reply(False, "the run is over")]
-    assert desk.ask(request) == Reply(False, "the run is over")
+    assert inbox.ask(request) == Reply(False, "the run is over")
 
 
 def test_ask_that_nobody_answers_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("swarm.run.desk.ANSWER_S", 0.01)
+    monkeypatch.setattr("swarm.run.inbox.ANSWER_S", 0.01)
     reply = Ask(ProcessRequest("robot1", "kill")).wait()
     assert not reply.ok
     assert "did not answer" in reply.text

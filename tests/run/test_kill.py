@@ -207,6 +207,21 @@ def test_world_that_is_killed_again_and_again_is_given_up(folder: Path) -> None:
     assert processes.belonging(folder) == []
 
 
+def test_world_that_stays_stopped_is_taken_for_hung_and_replaced(folder: Path) -> None:
+    soon = ("--set", "restart.hang_timeout_s=0.1")  # five times this
+    line = ("run", "two-obstacles", "--rate", "2", "--out", "out", *soon)
+    run = processes.start(folder, *line)
+    processes.until(lambda: (tick_now(folder) or 0) > 5, 30.0, "ticks")
+    (world,) = processes.named(folder, "swarm-world")
+    world.suspend()
+    processes.until(lambda: (tick_now(folder) or 0) > 20, 30.0, "ticks of another world")
+    assert processes.named(folder, "swarm-world")[0].pid != world.pid
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=10.0)
+    assert run.returncode == 130, said
+    assert "world has been stopped for 0.5 s: killed" in said
+
+
 def test_second_ctrl_c_ends_everyone_at_once(folder: Path) -> None:
     run = processes.start(folder, "run", "two-obstacles", "--rate", "2", "--out", "out", "-q")
     processes.until(lambda: (tick_now(folder) or 0) > 5, 30.0, "ticks")

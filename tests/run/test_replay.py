@@ -14,6 +14,7 @@ from swarm import faults, messages, recording, scenario
 from swarm.messages import TickRecord
 from swarm.run import library, replay
 from swarm.scenario import Scenario
+from tests.run import processes
 from world import simulation
 
 TICKS = 90
@@ -247,3 +248,18 @@ def test_beacons_are_kept_while_they_can_be_heard_and_no_longer(
     assert said[1, 3].tick == 3
     with pytest.raises(KeyError):
         said[0, 48]
+
+
+def test_replay_and_diff_hold_for_processes_that_suffered(folder: Path) -> None:
+    faults_ = ("restart:robot2@3.2+1.6", "hang:robot4@4+1.6", "kill:world@4.8", "loss:all@0.8+4")
+    line = ("run", "two-obstacles", "--duration", "8", "-q", "--set", "recording.rerun=false")
+    line = (*line, *(f"--fault={fault}" for fault in faults_))
+    processes.swarm(folder, *line, "--out", "zenoh")
+    processes.swarm(folder, *line, "--out", "memory", "--bus", "memory")
+    found = replay.replay(folder / "zenoh")
+    assert (found.difference, found.missing, found.restarts, found.ok) == (None, None, 1, True)
+    for verb in (("verify", "zenoh"), ("diff", "zenoh", "memory")):
+        done = processes.swarm(folder, *verb)
+        assert done.returncode == 0, done.stdout
+    said = processes.swarm(folder, "verify", "zenoh").stdout
+    assert "(world killed), continued from tick 60 by run.1.mcap" in said

@@ -51,6 +51,7 @@ def test_why_tells_what_the_recording_holds(recorded: Path) -> None:
     assert found.unheard == ()
     assert found.leadership is not None
     assert found.leadership.name == "leader"
+    assert found.leader_age_s == pytest.approx(0.08)
     assert [force.term for force in found.forces] == list(why.FORCES)
     assert found.tracking is not None
 
@@ -116,7 +117,7 @@ def test_why_prints_for_people_and_for_machines(recorded: Path) -> None:
         "What pulled and pushed it",
         "its place in the formation was",
         "Whom it heard",
-        "it followed leader, leader of term 0, heard 0.08 s ago",
+        "it followed leader, leader of term 0, whose newest sign of life was 0.08 s old",
         "it ordered:",
         "within 2 s",
     ):

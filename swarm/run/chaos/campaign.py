@@ -129,9 +129,13 @@ def conduct(order: Order, folder: Path, advance: Advance, note: Callable[[str], 
     ran: list[Ran] = []
     for one in _ran(order, jobs, folder, note):
         ran.append(one)
-        broken = len(one.findings.violations)
-        said = f"run {one.schedule.number}: {f'{broken} violations' if broken else 'held'}"
-        advance(len(ran), len(jobs), said)
+        said = "held"
+        if one.findings.violations:
+            found = worst(one.findings.violations)
+            said = f"BROKEN {found.invariant}"
+            who = "/".join(found.robots) or "all"
+            note(f"run {one.schedule.number}: {said} at tick {found.tick}, {who}: {found.text}")
+        advance(len(ran), len(jobs), f"run {one.schedule.number}: {said}")
     ran.sort(key=lambda one: one.schedule.number)
     failures = tuple(_failures(order, length_s, ran, folder, note))
     return _campaign(order, length_s, ran, failures, folder, time.monotonic() - begun_s)

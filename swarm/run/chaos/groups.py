@@ -57,6 +57,7 @@ class Links:
         count = len(scenario.robots)
         self._range_m = scenario.radio.range_m
         self._lately_ticks = int(scenario.priority.stale_s / scenario.dt_s + 1e-9)
+        self._is_lossy = any(isinstance(fault, faults.Loss) for fault in scenario.faults)
         self._heard_tick = np.full((count, count), -(10**9))  # listener, speaker
 
     def groups(
@@ -87,7 +88,7 @@ class Links:
                 lossy |= struck[:, None] | struck
             else:
                 links &= ~(struck[:, None] | struck)
-        for frame in record.frames:
+        for frame in record.frames if self._is_lossy else ():
             speakers = frame.heard.numpy()[:, 0]
             self._heard_tick[frame.row, speakers] = record.tick
         if lossy.any():
@@ -98,7 +99,10 @@ class Links:
 
 def components(links: Flags, alive: Flags) -> list[Group]:
     """Connected groups, in order of their smallest row."""
-    left = set(np.flatnonzero(alive).tolist())
+    rows = np.flatnonzero(alive)
+    if links[np.ix_(rows, rows)].all():
+        return [frozenset(rows.tolist())] if len(rows) else []
+    left = set(rows.tolist())
     found = []
     while left:
         reached = _reached(links, min(left))

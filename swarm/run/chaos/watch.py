@@ -116,6 +116,11 @@ class Watch:
         """Of the ticks so far."""
         return tuple(self._violations[:NAMED_MAX])
 
+    @property
+    def agreed_s(self) -> tuple[float, ...]:
+        """How long each group took to agree on a live leader, as far as it has."""
+        return tuple(self._agreed_s)
+
     def conclude(self, score: metrics.Score, ended: str) -> Findings:
         """After the last tick."""
         scenario = self._scenario
@@ -134,7 +139,7 @@ class Watch:
             recovered_s=tuple(
                 row.recovered_s for row in rows if _is_blow(row) and row.recovered_s is not None
             ),
-            agreed_s=tuple(self._agreed_s),
+            agreed_s=self.agreed_s,
             converged_s=converged_s,
             clearance_obstacle_m=_finite(score.clearance_obstacle_m),
             clearance_robot_m=_finite(score.clearance_robot_m),

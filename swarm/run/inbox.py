@@ -1,6 +1,6 @@
 """Where the world's requests about processes wait for the thread that may carry them out.
 
-    bus's thread --ask--> | desk | --take--> supervising thread --Ask.answer--> bus's thread
+    bus's thread --ask--> | inbox | --take--> supervising thread --Ask.answer--> bus's thread
 
 Only the main thread starts processes, and only one thread decides about them.
 """
@@ -35,7 +35,7 @@ class Ask:
         return self._reply
 
 
-class Desk:
+class Inbox:
     """A queue, and a descriptor that is readable when something lies in it or `wake` was called."""
 
     def __init__(self) -> None:
