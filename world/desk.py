@@ -25,6 +25,7 @@ from swarm.messages import (
     SensorFrame,
     Status,
 )
+from world.pace import Pace
 from world.pulse import Pulse
 from world.situation import Situation
 
@@ -45,9 +46,9 @@ class Desk:
         *,
         on_status: Callable[[Status], None],
         now: Callable[[], float],
-        wall_s: Callable[[], float],
+        pace: Pace,
     ) -> None:
-        """`wall_s` tells how long the run has lasted; `on_status` hears all that is published."""
+        """`on_status` hears all that is published."""
         self.phase: Phase = "starting"
         self.score = score
         self._bus = bus
@@ -55,7 +56,7 @@ class Desk:
         self._stop = stop
         self._on_status = on_status
         self._now = now
-        self._wall_s = wall_s
+        self._pace = pace
         self.frames: Sequence[SensorFrame] = ()  # of this tick
         self.pulse = Pulse()
         self._asked: deque[Fault] = deque()
@@ -98,6 +99,8 @@ class Desk:
         text = ""
         if request.action == "stop":
             self._stop.request("stopped by request")
+        elif request.action in ("pause", "resume", "step", "rate"):
+            self._pace.order(request)
         elif request.action == "fault":
             try:
                 text = self._accept(request.spec)
@@ -121,7 +124,7 @@ class Desk:
 
     def _status(self) -> Status:
         run, scenario = self._run, self._run.scenario
-        wall_s, now_s, pulse = self._wall_s(), self._now(), self.pulse
+        wall_s, now_s, pulse = self._pace.wall_s(), self._now(), self.pulse
         heard = {frame.robot: len(frame.beacons) for frame in self.frames}
         rows = []
         for body, (name, member) in zip(run.state.bodies, run.members.items(), strict=True):
@@ -145,17 +148,18 @@ class Desk:
                     unanswered=max(0, member.sent_tick - member.answered_tick),
                 )
             )
+        paused = self.phase == "running" and self._pace.is_paused
         return Status(
             run=self._bus.run,
             scenario=scenario.title,
             tick=run.tick,
             stamp_ns=scenario.stamp_ns(run.tick),
             clock=scenario.clock.mode,
-            state=self.phase,
+            state="paused" if paused else self.phase,
             duration_s=scenario.duration_s,
             real_time_factor=run.tick * scenario.dt_s / wall_s if wall_s > 0.0 else 0.0,
             robots=tuple(rows),
             rejected_messages=sum(self._bus.rejected().values()),
-            rate=scenario.clock.rate,
+            rate=self._pace.rate,
             real_time_factor_now=pulse.ticks_per_s * scenario.dt_s,
         )

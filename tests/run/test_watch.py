@@ -116,12 +116,12 @@ def test_those_in_trouble_are_shown_when_not_all_fit() -> None:
     assert "... 16 more" in lines[-1]
 
 
-def test_top_shows_every_process_once_where_there_is_no_terminal(folder: Path) -> None:
+def test_top_shows_every_process_once_where_there_is_no_terminal(here: Here, folder: Path) -> None:
     run = processes.start(folder, "run", "empty", "--robots", "3", "--rate", "1", "--out", "one")
     processes.until(lambda: len(processes.named(folder, "swarm-robot")) == 3, 30.0, "3 robots")
 
     def found() -> dict[str, Any]:
-        done = processes.swarm(folder, "top", "--json", "--run", "one")
+        done = here("top --json --run one")
         rows = json.loads(done.stdout)["processes"] if done.returncode == 0 else []
         return {row["name"]: row for row in rows}
 
@@ -133,7 +133,7 @@ def test_top_shows_every_process_once_where_there_is_no_terminal(folder: Path) -
     assert by_name["robot1"]["health"] == "ok"
     assert by_name["robot1"]["commands_per_s"] > 0.0
     assert all(row["memory_bytes"] > 1 << 20 for row in by_name.values())
-    text = processes.swarm(folder, "top", "--run", "one").stdout
+    text = here("top --run one").stdout
     assert text.splitlines()[2].split() == [column.title for column in board.COLUMNS]
     assert "\x1b" not in text
     run.send_signal(signal.SIGINT)

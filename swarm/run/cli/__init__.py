@@ -3,6 +3,7 @@
     running     run, scenarios, validate           options   what verbs share
     live        status, stop, kill, restart, fault
     watch       top, logs
+    steer       pause, resume, step, rate
     recordings  verify, replay, diff, why
     hand        world, robot, version
     measure     bench, reproduce
@@ -25,7 +26,7 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import breaking, hand, live, measure, own, recordings, running, watch
+from swarm.run.cli import breaking, hand, live, measure, own, recordings, running, steer, watch
 
 app = typer.Typer(
     name="swarm",
@@ -48,6 +49,10 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "top": watch.top,
     "logs": watch.logs,
     "stop": live.stop,
+    "pause": steer.pause,
+    "resume": steer.resume,
+    "step": steer.step,
+    "rate": steer.rate,
     "kill": live.kill,
     "restart": live.restart,
     "fault": live.fault,
