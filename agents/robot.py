@@ -102,6 +102,9 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     sane = is_sane(frame)
     state, others = hear(setup, state, frame, sane, elapsed_s)
     role = role_of(setup, state)
+    if frame.goal is not None and role != "follower":
+        errand = Mission(frame.goal)
+        state = msgspec.structs.replace(state, mission=errand, seeking=seek.State())
 
     # 2. Look: the map, without the bodies that are dealt with as peers.
     masked = [peer for peer in others if is_masked(setup, role, peer)]
@@ -319,10 +322,11 @@ def decide(
             elapsed_s=elapsed_s,
         )
         return replace(state, following=following), wish
-    if setup.robot.goal is None:
+    errand = state.mission or Mission(setup.robot.goal, setup.robot.via)
+    if errand.goal is None:
         return state, Wish(mode="HOLD")
     seeking, wish = seek.step(
-        setup,
+        mission.bound_for(setup, errand),
         state.seeking,
         frame.pose,
         map,

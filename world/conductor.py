@@ -180,11 +180,13 @@ class _Conductor:
             self._pace.hold(run.tick)
             self._report_rejected()
             desk.take_faults()
-            changed = False if struck else self._injector.strike()
+            changed = desk.take_goals()
+            if not struck:
+                changed |= self._injector.strike()
             struck = False
             if changed or run.tick >= self._saved_tick + self._checkpoint_ticks:
                 self._save()
-            frames = desk.frames = simulation.sense(run.world, run.state)
+            frames = desk.frames = simulation.sense(run.world, run.state, run.orders())
             for frame in frames:
                 bus.publish(FRAME, frame, frame.robot)
                 run.change(frame.robot, sent_tick=frame.tick)

@@ -19,6 +19,7 @@ from swarm.faults import Fault
 from swarm.messages import (
     STATUS,
     ControlRequest,
+    Goal,
     Reply,
     RobotStatus,
     ScenarioRequest,
@@ -60,6 +61,7 @@ class Desk:
         self.frames: Sequence[SensorFrame] = ()  # of this tick
         self.pulse = Pulse()
         self._asked: deque[Fault] = deque()
+        self._goals: deque[tuple[str, Goal]] = deque()
         self._due_s = 0.0
 
     def open(self) -> None:
@@ -71,6 +73,14 @@ class Desk:
         """Add the faults that people have asked for to those of the run."""
         while self._asked:
             self._run.faults.append(self._asked.popleft())
+
+    def take_goals(self) -> bool:
+        """Pass on the goals that people have asked for; whether there were any."""
+        taken = False
+        while self._goals:
+            self._run.order(*self._goals.popleft())
+            taken = True
+        return taken
 
     def publish(self) -> None:
         """Tell the status, if it is time to."""
@@ -106,7 +116,28 @@ class Desk:
                 text = self._accept(request.spec)
             except errors.ScenarioError as error:
                 return Reply(False, str(error))
+        elif request.action == "goal":
+            name = self._run.leader() if request.robot == "leader" else request.robot
+            if (problem := self._against(name or request.robot)) is not None:
+                return Reply(False, problem)
+            self._goals.append((name or request.robot, request.goal))
+            text = f"{name} goes to ({request.goal[0]:g}, {request.goal[1]:g})"
         return Reply(True, text, messages.encode(self._status()))
+
+    def _against(self, name: str) -> str | None:
+        """Why a robot cannot be given a goal, None when it can."""
+        run = self._run
+        member = run.members.get(name)
+        if member is None:
+            hint = errors.did_you_mean(name, run.members)
+            return f"expected one of {', '.join(run.members)}, got '{name}'{hint}"
+        if not member.is_present and not member.is_expected:
+            return f"{name}: expected a robot that is there, got one that is {member.state}"
+        row, leader = run.world.rows[name], run.leader()
+        follows = run.scenario.slots()[row] is not None and name != leader
+        if follows and leader is not None:
+            return f"{name} follows: give the goal to its leader, {leader}"
+        return None
 
     def _accept(self, spec: str) -> str:
         """Take a fault that is asked for while the run goes on; raises ScenarioError."""

@@ -3,7 +3,7 @@
     running     run, scenarios, validate           options   what verbs share
     live        status, stop, kill, restart, fault
     watch       top, logs
-    steer       pause, resume, step, rate
+    steer       pause, resume, step, rate, goal
     recordings  verify, replay, diff, why
     hand        world, robot, version
     measure     bench, reproduce
@@ -53,6 +53,7 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "resume": steer.resume,
     "step": steer.step,
     "rate": steer.rate,
+    "goal": steer.goal,
     "kill": live.kill,
     "restart": live.restart,
     "fault": live.fault,

@@ -1,4 +1,4 @@
-"""Verbs that hold a running swarm, let it go on, and set its pace."""
+"""Verbs that hold a running swarm, let it go on, set its pace and its goal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from swarm import errors, runs
 from swarm.bus import Bus
 from swarm.messages import CONTROL, ControlRequest, Status
 from swarm.run import front
-from swarm.run.cli import live, options
+from swarm.run.cli import complete, live, options
 
 LOOK_S = 0.05
 PAUSE_S = 10.0  # the tick at hand may wait for a robot, or take long at a small rate
@@ -63,6 +63,38 @@ def rate(
     """
     request = ControlRequest("rate", rate=factor)
     _steer(run_id, request, as_json, lambda told: told.rate == factor, PAUSE_S)
+
+
+def goal(
+    name: Annotated[
+        str,
+        Argument(
+            metavar="NAME",
+            help="A robot's name, or `leader`: whoever leads.",
+            autocompletion=complete.robots,
+        ),
+    ],
+    x_m: Annotated[float, Argument(metavar="X", min=-1e6, max=1e6, help="m, in the world.")],
+    y_m: Annotated[float, Argument(metavar="Y", min=-1e6, max=1e6, help="m, in the world.")],
+    run_id: options.RunId = None,
+    as_json: options.Json = False,
+) -> None:
+    """Send a robot, or a formation by its leader, somewhere else from now on.
+
+    Way-points that were still ahead are forgotten. Write `--` before negative numbers.
+
+    Example:  swarm goal leader 12 3
+
+    Example:  swarm goal -- robot2 -4.5 0
+    """
+    card = live.pick(run_id)
+    reply = live.ask(card, ControlRequest("goal", robot=name, goal=(x_m, y_m)))
+    if not reply.ok:
+        raise errors.UsageError(f"{card.run}: {reply.text}")
+    if as_json:
+        options.print_json({"run": card.run, "done": reply.text})
+    else:
+        print(f"{card.run}: {reply.text}")
 
 
 def _steer(
