@@ -11,7 +11,7 @@ help:
 	@echo "make test    lint, types, tests"
 	@echo "make test-kills  the full campaign of random kills"
 	@echo "make test-fuzz   a million payloads, 10,000 scenario files, 1,000 damaged recordings"
-	@echo "make test-soak   a thousand kills and restarts in one run of 20 robots (20 minutes)"
+	@echo "make test-soak   a thousand kills and restarts in one run of 20 robots (2 minutes)"
 	@echo "make bench   what a swarm costs, as ratios"
 	@echo "make setup   only make .venv"
 	@echo "make clean   remove .venv and caches (recordings in runs/ stay)"

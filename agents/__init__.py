@@ -12,6 +12,7 @@ formation   slot, way-point, bearing switch                     eq. 39 to 46
 pid         adaptive tracking                                   eq. 44, 47 to 64
 follow      a slot: FORM, AVOID
 priority    claims, who yields to whom                          eq. 65, 66
+lateness    how late commands take effect
 guard       never faster than can be braked
 robot       all of it in order: the pure step
 process     the shell: frames in, commands out

@@ -37,6 +37,10 @@ BACKWARD_FROM_M = 1.5
 LOOK_BEYOND_M = 0.9
 LOOK_M_MIN = 0.6
 LOOK_M_MAX = 1.8
+# how near it is in its leader's way, and how fast it gets out of it,
+AHEAD_OF_LEADER_M = 1.2
+BESIDE_LEADER_M = 0.6
+MAKE_WAY_MPS = 0.4
 # and the speed from which on the attraction has its full size.
 ATTRACTION_FULL_MPS = 0.3
 # Once the leader has arrived a follower this near goes straight into its slot, with this margin.
@@ -336,7 +340,10 @@ def avoid(
     v_x, v_y = slot_velocity(goal, point)
     v_x += CATCH_UP_GAIN_1PS * x_m
     v_y += CATCH_UP_GAIN_1PS * y_m
-    if away_m < BACKWARD_FROM_M:
+    way = out_of_the_way(goal.leader, pose)
+    if way is not None:
+        v_x, v_y = way
+    elif away_m < BACKWARD_FROM_M:
         v_x, v_y = field.without_opposition((v_x, v_y), goal.heading_rad)
     speed_mps = min(robot.speed_mps_max, geometry.length(v_x, v_y))
     wanted_rad = atan2(v_y, v_x) if speed_mps > 0.0 else goal.heading_rad
@@ -368,6 +375,21 @@ def avoid(
         setup.steering, robot, resultant, pose.yaw_rad, speed_mps
     )
     return Wish("AVOID", speed_mps, turn_rate_radps, forces=forces, waypoint=point)
+
+
+def out_of_the_way(leader: Pose, pose: Pose) -> Vec2 | None:
+    """Velocity of a follower right in front of its leader: on ahead and aside, m/s, world.
+
+    A leader never gives way. Elected among its followers it may have one in front of it, in a
+    place too narrow for two, that wants to get past it to its slot.
+    """
+    x_m, y_m = pose.x_m - leader.x_m, pose.y_m - leader.y_m
+    ahead, aside = cos(leader.yaw_rad), sin(leader.yaw_rad)
+    along_m, across_m = x_m * ahead + y_m * aside, y_m * ahead - x_m * aside
+    if not 0.0 < along_m < AHEAD_OF_LEADER_M or abs(across_m) > BESIDE_LEADER_M:
+        return None
+    side = MAKE_WAY_MPS if across_m >= 0.0 else -MAKE_WAY_MPS
+    return (MAKE_WAY_MPS * ahead - side * aside, MAKE_WAY_MPS * aside + side * ahead)
 
 
 def slot_velocity(goal: Goal, point: Vec2) -> Vec2:

@@ -35,7 +35,13 @@ class Limit(msgspec.Struct, frozen=True):
 
 
 def hold(
-    setup: RobotSetup, twist: Twist, asked: Twist, map: msam.Map, peers: Iterable[Peer]
+    setup: RobotSetup,
+    twist: Twist,
+    asked: Twist,
+    map: msam.Map,
+    peers: Iterable[Peer],
+    *,
+    late_s: float = 0.0,
 ) -> tuple[Twist, Limit]:
     """Set-point within the body's accelerations from which the robot still stops in time.
 
@@ -43,32 +49,43 @@ def hold(
     can do, the robot brakes and goes straight on for as long as that is freer: it turns later.
 
     Args:
-        twist: measured.
+        twist: when the set-point takes effect; measured, unless that is late.
+        late_s: by which set-points take effect later than at once.
     """
     robot = setup.robot
     onward_radps = asked.turn_rate_radps
     reached = steering.slew(robot, twist, asked.speed_mps, onward_radps, setup.dt_s)
-    allowed = by_obstacles(setup, map, reached, onward_radps)
+    allowed = by_obstacles(setup, map, reached, onward_radps, late_s=late_s)
     if allowed.speed_mps < abs(twist.speed_mps) - robot.acceleration_mps2_max * setup.dt_s:
         straight = steering.slew(robot, twist, asked.speed_mps, 0.0, setup.dt_s)
-        if by_obstacles(setup, map, straight, 0.0).speed_mps > allowed.speed_mps:
+        if by_obstacles(setup, map, straight, 0.0, late_s=late_s).speed_mps > allowed.speed_mps:
             reached = straight
     side = 1.0 if reached.speed_mps >= 0.0 else -1.0
     for peer in peers:
-        speed_mps = share(setup, peer, side)
+        speed_mps = share(setup, peer, side, late_s=late_s)
         if speed_mps < allowed.speed_mps:
             allowed = Limit(speed_mps, peer.beacon.name)
     speed_mps = steering.clip(reached.speed_mps, allowed.speed_mps)
     return Twist(speed_mps, reached.turn_rate_radps), allowed
 
 
-def by_obstacles(setup: RobotSetup, map: msam.Map, reached: Twist, onward_radps: float) -> Limit:
+def by_obstacles(
+    setup: RobotSetup,
+    map: msam.Map,
+    reached: Twist,
+    onward_radps: float,
+    *,
+    late_s: float = 0.0,
+) -> Limit:
     """Highest speed from which the robot stops in time, straight on and as it turns."""
     most_mps = setup.robot.speed_mps_max
     near = hits(setup, map)
     speed_mps = min(most_mps, brake(setup, near, 1.0 if reached.speed_mps >= 0.0 else -1.0))
     slowed = Twist(steering.clip(reached.speed_mps, speed_mps), reached.turn_rate_radps)
     speed_mps = min(speed_mps, bend(setup, near, slowed, onward_radps))
+    if late_s > 0.0:
+        lost_mps = deceleration(setup) * late_s
+        speed_mps = sqrt(speed_mps * speed_mps + lost_mps * lost_mps) - lost_mps
     return Limit(speed_mps, "brake" if speed_mps < most_mps else "")
 
 
@@ -172,10 +189,11 @@ def curve(
     return xs_m, ys_m, ways_m
 
 
-def share(setup: RobotSetup, peer: Peer, side: float) -> float:
+def share(setup: RobotSetup, peer: Peer, side: float, *, late_s: float = 0.0) -> float:
     """Speed from which this robot stops within its half of the gap to a peer, inf if off its way.
 
-    The peer may do the same at the same time, and each knows the other `latency_s` late.
+    The peer may do the same at the same time, and each knows the other `latency_s` late; still
+    later where set-points take effect late, or beacons are missed.
     """
     guard = setup.guard
     q_m = peer.distance_m
@@ -187,7 +205,7 @@ def share(setup: RobotSetup, peer: Peer, side: float) -> float:
         return inf
     half_m = max(0.0, (q_m - touch_m) / 2.0)
     planned_mps2 = deceleration(setup)
-    lost_mps = planned_mps2 * guard.latency_s
+    lost_mps = planned_mps2 * (guard.latency_s + late_s + peer.missed_ticks * setup.dt_s)
     speed_mps = sqrt(2.0 * planned_mps2 * half_m + lost_mps * lost_mps) - lost_mps
     return speed_mps / max(ahead, PEER_AHEAD_FACTOR_MIN)
 

@@ -24,6 +24,7 @@ from agents import (
     formation,
     guard,
     health,
+    lateness,
     mission,
     msam,
     peers,
@@ -53,6 +54,7 @@ class State(msgspec.Struct, frozen=True):
     tick: int = -1  # of the last frame; -1 before the first
     command: Twist = STILL  # last set-point
     limited: bool = False  # the last set-point was not the one the mode asked for
+    held_by_peer: bool = False  # a peer in the way was what limited it
     peers: tuple[Beacon, ...] = ()  # newest of each, in order of names
     bodies: tuple[Body, ...] = ()  # of those that are not heard any more
     fit: bool = False  # whether it could lead
@@ -66,6 +68,7 @@ class State(msgspec.Struct, frozen=True):
     following: follow.State = follow.State()
     waiting: priority.State = priority.State()
     health: health.State = health.State()
+    lateness: lateness.State = lateness.State()
 
 
 def init(setup: RobotSetup, incarnation: int = 0) -> State:
@@ -97,6 +100,8 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     elapsed_s = setup.dt_s
     if state.tick >= 0:
         elapsed_s = min(ELAPSED_S_MAX, max(1, frame.tick - state.tick) * setup.dt_s)
+
+    late = lateness.step(state.lateness, frame.twist, frame.tick - state.tick)
 
     # 1. Hear: newest beacons, moved on to this tick; who leads, where to.
     sane = is_sane(frame)
@@ -140,13 +145,19 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         elapsed_s,
     )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
-    set_point, allowed = restrain(setup, frame, asked, map, others)
+    set_point, allowed = restrain(setup, frame, late, asked, map, others)
     if wish.reason in ("contact", "sensors") or not is_finite(set_point):
         set_point = Twist(0.0, health.PROBE_RADPS) if probes(frame, well) else STILL
     limited = wish.saturated or waiting.yields_to is not None or set_point != asked
     fit = state.mission is not None and can_lead(role, wish, well)
     state = msgspec.structs.replace(
-        state, waiting=waiting, command=set_point, limited=limited, fit=fit
+        state,
+        waiting=waiting,
+        command=set_point,
+        limited=limited,
+        held_by_peer=allowed.by not in ("", "brake"),
+        fit=fit,
+        lateness=lateness.send(late, set_point),
     )
 
     # 5. Say.
@@ -273,10 +284,13 @@ def probes(frame: SensorFrame, well: health.State) -> bool:
 def is_masked(setup: RobotSetup, role: Role, peer: Peer) -> bool:
     """Whether a peer's body is left out of the map, because rules and forces deal with it.
 
-    In a formation: the other members, but not one that has come to grief. Else: peers that move,
-    which the right of way deals with; one that stands is an obstacle to go round. Where robots
-    treat each other as moving obstacles they all stay on the map.
+    In a formation: the other members, but not one that has come to grief, nor one in front of the
+    leader: it may be unable to get out of the way, and then the leader goes round it. Else: peers
+    that move, which the right of way deals with; one that stands is an obstacle to go round. Where
+    robots treat each other as moving obstacles they all stay on the map.
     """
+    if role == "leader" and peer.offset_body[0] > abs(peer.offset_body[1]):
+        return False
     if role != "alone":
         if peers.is_in_formation(peer.beacon):
             return not peers.has_come_to_grief(peer.beacon)
@@ -360,7 +374,7 @@ def lead(
         slowest_mps = formation.slowest(setup, followers)
         cruise_mps = formation.cruise(setup, slowest_mps)
         seeking, wish = seek.step(
-            mission.bound_for(setup, state.mission),
+            mission.bound_for(setup, state.mission, seeking.rotation.stalled_s),
             seeking,
             pose,
             map,
@@ -390,7 +404,11 @@ def lead(
 
 def is_held_up(state: State) -> bool:
     """Whether something else than the way keeps the robot, so that clocks of the way stand."""
-    return state.waiting.yields_to is not None or health.complaint(state.health) == "motors"
+    return (
+        state.waiting.yields_to is not None
+        or health.complaint(state.health) == "motors"
+        or (state.election.leads and state.held_by_peer)
+    )
 
 
 def is_led(peer: Peer) -> bool:
@@ -424,6 +442,7 @@ def leader_of(state: State, others: list[Peer]) -> Peer | None:
 def restrain(
     setup: RobotSetup,
     frame: SensorFrame,
+    late: lateness.State,
     asked: Twist,
     map: msam.Map,
     others: list[Peer],
@@ -431,7 +450,8 @@ def restrain(
     """Set-point within acceleration, guards and wheel speeds, in this order: guards overrule."""
     # A peer that is not heard may go on, or may have died and stopped: neither may be touched.
     bodies = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
-    held, allowed = guard.hold(setup, frame.twist, asked, map, bodies)
+    base, late_s = lateness.base(late, frame.twist), late.late_ticks * setup.dt_s
+    held, allowed = guard.hold(setup, base, asked, map, bodies, late_s=late_s)
     return steering.scale_to_rims(setup.robot, held), allowed
 
 

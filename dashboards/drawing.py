@@ -83,17 +83,27 @@ def scene(axes: Axes, path: Tracks) -> None:
             axes.plot(*robot.goal, marker="x", markersize=9, color=INK, zorder=5)
 
 
-def ways(axes: Axes, path: Tracks, style: LineStyle = "-") -> None:
-    """Where everyone went."""
-    for row, colour in enumerate(colours(path, LINE_SHARE)):
+def ways(axes: Axes, path: Tracks, style: LineStyle = "-", colour: str | None = None) -> None:
+    """Where everyone went, each in a colour of its own unless told otherwise."""
+    for row, own in enumerate(colours(path, LINE_SHARE)):
         axes.plot(
             path.poses[:, row, 0],
             path.poses[:, row, 1],
-            color=colour,
+            color=colour or own,
             linewidth=LEADER_LINE if leads(path, row) else LINE,
             linestyle=style,
             zorder=2,
         )
+
+
+def title(path: Tracks) -> str:
+    """What ran, and what wheels it ran on where they are no ideal ones."""
+    torques_nm = {
+        robot.wheel_torque_nm_max for robot in path.scenario.robots if robot.motion == "dynamic"
+    }
+    if not torques_nm:
+        return path.scenario.title
+    return f"{path.scenario.title}, motors of {max(torques_nm):g} N m"
 
 
 def line_style(row: int) -> LineStyle:

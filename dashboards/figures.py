@@ -48,7 +48,7 @@ def trajectories(path: Tracks) -> Figure:
     drawing.bodies(axes, path, [*drawing.moments(path, step_s), len(path.times_s) - 1])
     drawing.frame(axes, (x_min, y_min, x_max, y_max))
     drawing.legend_of_robots(figure, path)
-    axes.set_title(f"{path.scenario.title}: positions every {step_s:g} s, and the last")
+    axes.set_title(f"{drawing.title(path)}: positions every {step_s:g} s, and the last")
     return figure
 
 
@@ -78,7 +78,7 @@ def tracking(path: Tracks) -> Figure:
     drawing.bars(panels[3], path)
     drawing.legend_of_robots(figure, path, tracks.followers(path), dashed=True)
     drawing.legend_of_states(figure, [path])
-    panels[0].set_title(f"{path.scenario.title}: errors of the followers by their nominal slots")
+    panels[0].set_title(f"{drawing.title(path)}: errors of the followers by their nominal slots")
     return figure
 
 
@@ -121,10 +121,11 @@ def fields(pairs: Sequence[Mapping[str, Tracks]]) -> Figure:
     figure = Figure(figsize=(max(side_in * columns, 2.0 * side_in), 0.6 + side_in * rows))
     figure.set_layout_engine("constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    styles: tuple[drawing.LineStyle, ...] = ("-", drawing.DASHED)
+    own = drawing.colours(next(iter(pairs[0].values())), drawing.LINE_SHARE)[0]
+    styles: tuple[tuple[drawing.LineStyle, str], ...] = (("-", own), (drawing.DASHED, drawing.INK))
     for axes, pair in zip(grid.flat, pairs, strict=False):
-        for style, path in zip(styles, pair.values(), strict=False):
-            drawing.ways(axes, path, style=style)
+        for (style, colour), path in zip(styles, pair.values(), strict=False):
+            drawing.ways(axes, path, style, colour)
         first = next(iter(pair.values()))
         drawing.scene(axes, first)
         drawing.bodies(axes, first, drawing.moments(first, drawing.equal_step_s(first)))
@@ -136,8 +137,8 @@ def fields(pairs: Sequence[Mapping[str, Tracks]]) -> Figure:
     names = list(pairs[0])
     step_s = drawing.equal_step_s(next(iter(pairs[0].values())))
     handles = [
-        Line2D([], [], color=drawing.INK, linestyle=style, label=f"controller {name}")
-        for style, name in zip(styles, names, strict=False)
+        Line2D([], [], color=colour, linestyle=style, label=f"controller {name}")
+        for (style, colour), name in zip(styles, names, strict=False)
     ]
     handles.append(drawing.dot(f"{names[0]}, every {step_s:g} s"))
     figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False)

@@ -39,24 +39,37 @@ def segment_path(first: Path, number: int) -> Path:
     return first if number == 0 else first.with_name(f"{first.stem}.{number}{first.suffix}")
 
 
+def first_path(path: Path) -> Path:
+    """First file of a run, given that or its folder."""
+    return path / FILE_NAME if path.is_dir() else path
+
+
 def segment_paths(path: Path) -> tuple[Path, ...]:
-    """Files of one run in order, given its folder or its first file, which need not exist."""
-    first = path / FILE_NAME if path.is_dir() else path
-    pattern = re.compile(rf"{re.escape(first.stem)}\.([1-9][0-9]{{0,8}}){re.escape(first.suffix)}")
-    try:
-        names = os.listdir(first.parent)
-    except OSError:
-        names = []
-    numbers = sorted(int(match[1]) for name in names if (match := pattern.fullmatch(name)))
-    return (first, *(segment_path(first, number) for number in numbers))
+    """Files of one run in order, given its folder or its first file.
+
+    A world that was killed before it opened that has left none; the first is named all the same
+    when there is no other.
+    """
+    first = first_path(path)
+    others = tuple(segment_path(first, number) for number in _numbers(first))
+    return (first, *others) if first.exists() or not others else others
 
 
 def next_segment(path: Path) -> int:
     """Number of the segment with which a recording goes on; 0 when there is none yet."""
-    paths = segment_paths(path)
-    if len(paths) > 1:
-        return int(paths[-1].stem.rpartition(".")[2]) + 1
-    return 1 if paths[0].exists() else 0
+    first = first_path(path)
+    numbers = _numbers(first)
+    return numbers[-1] + 1 if numbers else int(first.exists())
+
+
+def _numbers(first: Path) -> list[int]:
+    """Numbers of the files that go on with a first one, rising."""
+    pattern = re.compile(rf"{re.escape(first.stem)}\.([1-9][0-9]{{0,8}}){re.escape(first.suffix)}")
+    try:
+        names = os.listdir(first.parent)
+    except OSError:
+        return []
+    return sorted(int(match[1]) for name in names if (match := pattern.fullmatch(name)))
 
 
 # --- reading --------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from swarm import errors
+from swarm import errors, playback
 
 MCAP = "run.mcap"
 RRD = "run.rrd"
@@ -64,7 +64,7 @@ def new_folder(out: Path | None, scenario: str) -> Path:
 
 def _holds_run(folder: Path) -> bool:
     try:
-        return (folder / MCAP).exists() or (folder / SUMMARY).exists()
+        return playback.next_segment(folder / MCAP) > 0 or (folder / SUMMARY).exists()
     except OSError as error:  # a name that is too long
         raise errors.UsageError(f"--out {folder}: {error.strerror}") from error
 
@@ -130,7 +130,7 @@ def recording(run: Path) -> Path:
     """MCAP of a RUN given as folder or file; raises UsageError when there is none."""
     try:
         path = run / MCAP if run.is_dir() else run
-        there = path.is_file()
+        there = any(one.is_file() for one in playback.segment_paths(path))
     except OSError as error:
         raise errors.UsageError(f"{run}: {error.strerror}") from error
     if not there:

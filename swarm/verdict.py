@@ -29,7 +29,7 @@ from swarm.findings import (
     with_tail,
 )
 from swarm.messages import TickRecord
-from swarm.playback import merged, segment_paths
+from swarm.playback import first_path, merged, segment_paths
 from swarm.source import (
     REPAIR_METADATA,
     RUN_METADATA,
@@ -67,18 +67,22 @@ def verify(path: str | os.PathLike[str], last_tick: int | None = None) -> Verdic
         last_tick: of the run, when it is known from elsewhere: a file that was cut, or mended
             since, cannot tell what came behind.
     """
-    return _judge([look(file) for file in segment_paths(Path(path))], last_tick)
+    files = [look(file) for file in segment_paths(Path(path))]
+    alone = files[0].path == first_path(Path(path))  # else the first file is not there
+    return _judge(files, files[0].first_tick if alone else 0, last_tick)
 
 
 def verify_file(path: Path) -> Verdict:
     """The same of one file alone."""
-    return _judge([look(path)], None)
+    findings = look(path)
+    return _judge([findings], findings.first_tick, None)
 
 
 # --- judging --------------------------------------------------------------------------------------
 
 
-def _judge(files: list[Findings], end: int | None) -> Verdict:
+def _judge(files: list[Findings], begin: int, end: int | None) -> Verdict:
+    """Verdict on all files of a run that should hold the ticks begin..end, as far as is known."""
     last = files[-1]
     if all(file.failure for file in files):
         return _nothing(files, end)
@@ -86,7 +90,7 @@ def _judge(files: list[Findings], end: int | None) -> Verdict:
     disorders = [_disorder(file.ticks) for file in files]
     duplicates = sum(number for number, _ in disorders)
     misplaced = sum(number for _, number in disorders)
-    gaps, gap_ticks, last_tick = _continuity(runs, files[0].first_tick)
+    gaps, gap_ticks, last_tick = _continuity(runs, begin)
     first_tick = min((run.first for run in runs), default=None)
     damages = _damages(files)
     missing = _missing(files)
@@ -96,8 +100,8 @@ def _judge(files: list[Findings], end: int | None) -> Verdict:
         content, disagreement = _run_through(files, toml)
         topics = all_topics_of(files, content, gap_ticks)
     if end is not None and end > (-1 if last_tick is None else last_tick):
-        gaps = (*gaps, TickRange(0 if last_tick is None else last_tick + 1, end))
-        topics = with_tail(topics, end + 1 - files[0].first_tick)
+        gaps = (*gaps, TickRange(begin if last_tick is None else last_tick + 1, end))
+        topics = with_tail(topics, end + 1 - begin)
     ok = (
         last.complete
         and last_tick is not None
@@ -114,32 +118,7 @@ def _judge(files: list[Findings], end: int | None) -> Verdict:
     stamps_ns = [file.stamp_ns_first for file in files if file.stamp_ns_first is not None]
     end_ns = max(file.stamp_ns_last for file in files)
     sim_time_s = (end_ns - min(stamps_ns, default=end_ns)) * 1e-9
-    lines = [
-        f"{files[0].path}: {'whole' if ok else 'NOT WHOLE'}"
-        + ("" if last.complete else ", not closed: the end of the run may be missing"),
-        f"  ticks {first_tick}..{last_tick}, {sim_time_s:.2f} s"
-        if last_tick is not None
-        else "  holds no tick",
-        *_seams(files),
-        *(
-            f"  {count.topic[:40]:<12} expected {count.expected}, received {count.received}, "
-            f"written {count.written}, lost {count.lost}"
-            for count in topics
-        ),
-        *(f"  missing: {what}" for what in missing),
-        *(f"  lost ticks: {gap}" for gap in gaps),
-        *([f"  {duplicates} ticks are there more than once"] if duplicates else []),
-        *([f"  {misplaced} ticks are out of order"] if misplaced else []),
-        *([f"  segments disagree: {disagreement}"] if disagreement else []),
-        *(f"  damaged: {text}" for text in damages[:LISTED_MAX]),
-    ]
-    if len(damages) > LISTED_MAX:
-        lines.append(f"  ... {len(damages) - LISTED_MAX} more damages")
-    for file in files:
-        repaired = file.metadata.get(REPAIR_METADATA)
-        if repaired is not None:
-            lines.append(f"  repaired: {file.path.name}: {repaired.get('text', '')}")
-    return Verdict(
+    verdict = Verdict(
         ok=ok,
         complete=last.complete,
         crc_errors=sum(file.crc_errors for file in files),
@@ -153,8 +132,44 @@ def _judge(files: list[Findings], end: int | None) -> Verdict:
         sim_time_s=sim_time_s,
         segments=tuple(file.row() for file in files),
         disagreement=disagreement,
-        text=tuple(lines),
+        text=(),
     )
+    return msgspec.structs.replace(verdict, text=_lines(verdict, files, missing, len(damages)))
+
+
+def _lines(
+    verdict: Verdict, files: list[Findings], missing: list[str], damage_count: int
+) -> tuple[str, ...]:
+    """The verdict for a person."""
+    lines = [
+        f"{files[0].path}: {'whole' if verdict.ok else 'NOT WHOLE'}"
+        + ("" if verdict.complete else ", not closed: the end of the run may be missing"),
+        f"  ticks {verdict.first_tick}..{verdict.last_tick}, {verdict.sim_time_s:.2f} s"
+        if verdict.last_tick is not None
+        else "  holds no tick",
+        *_seams(files),
+        *(
+            f"  {count.topic[:40]:<12} expected {count.expected}, received {count.received}, "
+            f"written {count.written}, lost {count.lost}"
+            for count in verdict.topics
+        ),
+        *(f"  missing: {what}" for what in missing),
+        *(f"  lost ticks: {gap}" for gap in verdict.gaps),
+    ]
+    if verdict.duplicates:
+        lines.append(f"  {verdict.duplicates} ticks are there more than once")
+    if verdict.misplaced:
+        lines.append(f"  {verdict.misplaced} ticks are out of order")
+    if verdict.disagreement:
+        lines.append(f"  segments disagree: {verdict.disagreement}")
+    lines += [f"  damaged: {text}" for text in verdict.damages]
+    if damage_count > len(verdict.damages):
+        lines.append(f"  ... {damage_count - len(verdict.damages)} more damages")
+    for file in files:
+        repaired = file.metadata.get(REPAIR_METADATA)
+        if repaired is not None:
+            lines.append(f"  repaired: {file.path.name}: {repaired.get('text', '')}")
+    return tuple(lines)
 
 
 def _nothing(files: list[Findings], end: int | None) -> Verdict:

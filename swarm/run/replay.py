@@ -139,16 +139,27 @@ def _check(plan: Scenario, record: TickRecord, expected: int) -> None:
     """Raise _HoleError when a tick is missing, or cannot be of this scenario."""
     if record.tick != expected:
         raise _HoleError(f"expected tick {expected}, got {record.tick}")
+    if problem := misfit(plan, record):
+        raise _HoleError(problem)
+
+
+def misfit(plan: Scenario, record: TickRecord) -> str:
+    """Why a record cannot be of a scenario, as "expected ..., got ..."; empty when it can."""
     rows = len(plan.robots)
     names = {one.name for one in plan.robots}
     if len(record.robots) != rows:
-        raise _HoleError(f"expected {rows} robots, got {len(record.robots)}")
+        return f"expected {rows} robots, got {len(record.robots)}"
     for frame in record.frames:
         if not 0 <= frame.row < rows or frame.ranges.shape != (plan.sensor.beams,):
-            raise _HoleError(f"expected frames of {rows} robots with {plan.sensor.beams} beams")
+            beams = plan.sensor.beams
+            return (
+                f"expected frames of {rows} robots with {beams} beams, "
+                f"got row {frame.row} with {frame.ranges.shape}"
+            )
     for command in record.commands:
         if command.robot not in names:
-            raise _HoleError(f"expected commands of this scenario's robots, got '{command.robot}'")
+            return f"expected commands of this scenario's robots, got one of '{command.robot}'"
+    return ""
 
 
 # --- what a robot got ---------------------------------------------------------------------------

@@ -16,7 +16,7 @@ import msgspec
 from swarm import errors, geometry, recording, scenario
 from swarm.geometry import Pose, Twist, Vec2
 from swarm.messages import Beacon, Command, Event, FrameRecord, Leadership, Slot, TickRecord
-from swarm.run.replay import Beacons, history_ticks
+from swarm.run.replay import Beacons, history_ticks, misfit
 from swarm.scenario import Scenario
 
 AROUND_S = 2.0  # events so near in time are told
@@ -180,6 +180,8 @@ def _find(source: recording.Recording, plan: Scenario, name: str, tick: int, whe
             record.tick > tick + around and moment is not None and moment.command is not None
         ):
             break
+        if problem := misfit(plan, record):
+            raise errors.RecordingError(f"{where}: tick {record.tick}: {problem}")
         last = record.tick
         near = [event for event in record.events if abs(event.tick - tick) <= around]
         if record.tick <= tick:

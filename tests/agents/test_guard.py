@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import cos, inf, sin, sqrt
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -30,6 +31,19 @@ def test_brake_ignores_what_is_beside_the_way() -> None:
     near = guard.hits(SETUP, scenes.look(SETUP, scenes.scan([(0.5, 0.57, 0.3)], scenes.ORIGIN)))
     assert near
     assert guard.brake(SETUP, near, 1.0) == inf
+
+
+def test_who_brakes_late_begins_earlier() -> None:
+    map = scenes.look(SETUP, scenes.wall(0.6))
+    driving = Twist(1.0, 0.0)
+    # 0.33 m are free; 0.16 s go by until it brakes: v 0.16 + v2 / 2 = 0.33
+    late = guard.by_obstacles(SETUP, map, driving, 0.0, late_s=0.16).speed_mps
+    assert late * 0.16 + late * late / 2.0 == pytest.approx(0.33, abs=1e-3)
+    heard = scenes.peer(scenes.beacon("robot2", Pose(1.5, 0.0, 0.0)))
+    expected = sqrt(2.0 * 0.5 + 0.32**2) - 0.32  # its half of the gap; 0.16 s more than always
+    assert guard.share(SETUP, heard, 1.0, late_s=0.16) == pytest.approx(expected)
+    missed = msgspec.structs.replace(heard, missed_ticks=2)
+    assert guard.share(SETUP, missed, 1.0) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
@@ -90,6 +91,27 @@ def test_robot_has_the_same_colours_in_every_picture(
         )
         assert np.array_equal(np.asarray(way.get_xdata()), path.poses[:, row, 0])
         assert errors[row - 1].get_color() == lines[row]
+
+
+def test_title_names_the_motors_where_wheels_are_not_ideal(path: Tracks) -> None:
+    plain = path.scenario.title
+    assert drawing.title(path) == plain
+    robots = [
+        msgspec.structs.replace(robot, motion="dynamic", wheel_torque_nm_max=1.5)
+        for robot in path.scenario.robots
+    ]
+    plan = msgspec.structs.replace(path.scenario, robots=tuple(robots))
+    driven = msgspec.structs.replace(path, scenario=plan)
+    assert drawing.title(driven) == f"{plain}, motors of 1.5 N m"
+    assert drawing.title(driven) in figures.tracking(driven).axes[0].get_title()
+
+
+def test_controllers_can_be_told_apart(path: Tracks, drawn: dict[str, Figure]) -> None:
+    ways = [line for line in drawn["fields"].axes[0].lines if len(line.get_xdata()) == 120]
+    assert {(line.get_linestyle(), line.get_color()) for line in ways[:1] + ways[-1:]} == {
+        ("-", drawing.colours(path, drawing.LINE_SHARE)[0]),
+        ("--", drawing.INK),
+    }
 
 
 def test_body_that_stands_is_drawn_once(path: Tracks) -> None:

@@ -11,12 +11,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from agents import election, guard
+from agents import election, guard, steering
 from swarm import errors, faults, scenario
+from swarm.geometry import Twist
 from swarm.run.chaos import campaign, memory, schedules, shrink
 from swarm.run.chaos.campaign import Campaign, Order
 from swarm.run.chaos.watch import Findings, Violation
-from swarm.scenario import Scenario
+from swarm.scenario import RobotSetup, Scenario
 from tests.run import processes
 
 # three robots one behind the other, near enough to need their guards when one stops at once
@@ -120,11 +121,16 @@ def test_nothing_is_found_where_all_is_well(tmp_path: Path) -> None:
 def test_a_guard_that_is_switched_off_is_found_and_shown_by_two_faults_at_most(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def toothless(setup: object, *_: object, **__: object) -> guard.Limit:
-        return guard.Limit(100.0, "")
+    def toothless(
+        setup: RobotSetup, twist: Twist, asked: Twist, *_: object
+    ) -> tuple[Twist, guard.Limit]:
+        reached = steering.slew(
+            setup.robot, twist, asked.speed_mps, asked.turn_rate_radps, setup.dt_s
+        )
+        return reached, guard.Limit(setup.robot.speed_mps_max, "")
 
-    monkeypatch.setattr(guard, "limit", toothless)
-    found = _conduct(_order(runs=12), tmp_path)
+    monkeypatch.setattr(guard, "hold", toothless)
+    found = _conduct(_order(runs=12, shrunk_max=1), tmp_path)
     assert not found.ok
     contacts = [one for one in found.failures if one.worst.invariant == "contact"]
     assert contacts
@@ -148,7 +154,7 @@ def test_a_leader_that_claims_a_term_again_is_found_and_shown_by_two_faults_at_m
         return after
 
     monkeypatch.setattr(election, "step", again)
-    found = _conduct(_order(runs=10), tmp_path)
+    found = _conduct(_order(runs=6, shrunk_max=1), tmp_path)
     wrong = [one for one in found.failures if one.worst.invariant in ("falls", "two-leaders")]
     assert wrong
     assert min(one.faults for one in wrong) <= 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import resource
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -46,7 +47,10 @@ def small_disk(folder: Path) -> Iterator[Callable[[int], Path]]:
 
 
 def test_run_goes_on_and_names_the_ticks_that_a_full_disk_cost(
-    folder: Path, small_disk: Callable[[int], Path]
+    folder: Path,
+    small_disk: Callable[[int], Path],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     disk = small_disk(152)
     done = processes.swarm(folder, *LINE, "--set", "recording.rerun=false", "--out", "disk/run")
@@ -65,13 +69,14 @@ def test_run_goes_on_and_names_the_ticks_that_a_full_disk_cost(
     log = (disk / "run" / runs.LOGS / "world.log").read_text()
     assert log.count("No space left on device; still trying") == 1
     assert f"lost ticks {last + 1}..100" in log
-    done = processes.swarm(folder, "verify", "disk/run")
+    done = processes.here(monkeypatch, capsys, folder, "verify disk/run --repair")
     assert done.returncode == 1
-    assert f"  lost ticks: {last + 1}..100" in done.stdout.splitlines()
-    processes.swarm(folder, "verify", "disk/run", "--repair")
-    done = processes.swarm(folder, "verify", "disk/run")
-    assert done.returncode == 1  # good now, but the end is still not there
-    assert f"  lost ticks: {last + 1}..100" in done.stdout.splitlines()
+    assert "expected to write the repaired file, got: No space left on device" in done.stderr
+    shutil.copytree(disk / "run", folder / "copy")
+    for repair in ("", " --repair", ""):  # good afterwards, but the end is still not there
+        done = processes.here(monkeypatch, capsys, folder, f"verify copy{repair}")
+        assert done.returncode == 1
+        assert f"  lost ticks: {last + 1}..100" in done.stdout.splitlines()
 
 
 def test_run_goes_on_when_not_even_its_logs_find_room(

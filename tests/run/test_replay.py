@@ -10,9 +10,9 @@ import pytest
 import tomli_w
 
 from agents import robot
-from swarm import faults, messages, recording, scenario
+from swarm import errors, faults, messages, recording, scenario
 from swarm.messages import TickRecord
-from swarm.run import library, replay
+from swarm.run import difference, library, replay, why
 from swarm.scenario import Scenario
 from tests.run import processes
 from world import simulation
@@ -258,8 +258,29 @@ def test_replay_and_diff_hold_for_processes_that_suffered(folder: Path) -> None:
     processes.swarm(folder, *line, "--out", "memory", "--bus", "memory")
     found = replay.replay(folder / "zenoh")
     assert (found.difference, found.missing, found.restarts, found.ok) == (None, None, 1, True)
-    for verb in (("verify", "zenoh"), ("diff", "zenoh", "memory")):
-        done = processes.swarm(folder, *verb)
-        assert done.returncode == 0, done.stdout
-    said = processes.swarm(folder, "verify", "zenoh").stdout
-    assert "(world killed), continued from tick 60 by run.1.mcap" in said
+    assert difference.difference(folder / "zenoh", folder / "memory").first is None
+    verdict = recording.verify(folder / "zenoh")
+    assert verdict.ok
+    assert "(world killed), continued from tick 60 by run.1.mcap" in "\n".join(verdict.text)
+
+
+@pytest.mark.parametrize("what", ["robots", "row", "beams", "command"])
+def test_record_of_another_scenario_is_told_apart(tmp_path: Path, what: str) -> None:
+    plan = plan_of()
+    records = run(Swarm(plan), lambda swarm, tick: None, ticks=6)
+    record, frame = records[4], records[4].frames[1]
+    stranger = msgspec.structs.replace(record.commands[0], robot="stranger")
+    changes: dict[str, dict[str, object]] = {
+        "robots": {"robots": record.robots[:2]},
+        "row": {"frames": (msgspec.structs.replace(frame, row=6),)},
+        "beams": {"frames": (msgspec.structs.replace(frame, ranges=messages.floats([1.0])),)},
+        "command": {"commands": (stranger,)},
+    }
+    records[4] = msgspec.structs.replace(record, **changes[what])
+    path = write(tmp_path, plan, records)
+    found = replay.replay(path)
+    assert (found.ok, found.ticks) == (False, 4)
+    assert found.missing is not None
+    assert found.missing.startswith("tick 4: expected ")
+    with pytest.raises(errors.RecordingError, match="tick 4: expected "):
+        why.why(path, "robot1", 0.32)

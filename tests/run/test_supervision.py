@@ -122,7 +122,7 @@ policies = st.builds(
 )
 
 
-@settings(max_examples=3000)
+@settings(max_examples=1500)
 @given(policies, st.booleans(), st.lists(moves, max_size=25))
 def test_any_order_of_events_keeps_one_process_and_comes_to_an_end(
     policy: Policy, obedient: bool, story: list[Event | float | str]
@@ -152,7 +152,7 @@ def test_any_order_of_events_keeps_one_process_and_comes_to_an_end(
     assert not play.lives
 
 
-@settings(max_examples=500)
+@settings(max_examples=300)
 @given(policies, st.lists(moves, max_size=15))
 def test_end_is_reached_in_bounded_time_whatever_the_process_does(
     policy: Policy, story: list[Event | float | str]
@@ -170,7 +170,7 @@ def test_end_is_reached_in_bounded_time_whatever_the_process_does(
     assert play.life.phase == "over"
 
 
-@settings(max_examples=500)
+@settings(max_examples=300)
 @given(policies, st.lists(st.floats(0.0, 20.0), min_size=1, max_size=30))
 def test_restarts_by_policy_are_bounded_within_the_window(
     policy: Policy, lasted_s: list[float]

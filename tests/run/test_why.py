@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 from math import pi
 from pathlib import Path
 
@@ -105,12 +106,16 @@ def test_why_says_that_a_tick_is_lost(recorded: Path, tmp_path: Path) -> None:
         why.why(tmp_path, "robot1", 4.0)
 
 
-def test_why_prints_for_people_and_for_machines(recorded: Path) -> None:
-    folder = str(recorded)
-    done = processes.swarm(recorded, "why", folder, "robot2", "4.0", "--json")
+def test_why_prints_for_people_and_for_machines(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def ask(question: str) -> subprocess.CompletedProcess[str]:
+        return processes.here(monkeypatch, capsys, recorded, f"why {recorded} {question}")
+
+    done = ask("robot2 4.0 --json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["heard"][0]["name"] == "leader"
-    done = processes.swarm(recorded, "why", folder, "robot2", "4.0")
+    done = ask("robot2 4.0")
     for part in (
         "robot2 at 4.00 s (tick 50)",
         "What it saw",
@@ -122,10 +127,8 @@ def test_why_prints_for_people_and_for_machines(recorded: Path) -> None:
         "within 2 s",
     ):
         assert part in done.stdout, done.stdout
-    for question in (("robot2", "5.6"), ("robot9", "1"), ("robot1", "99")):
-        done = processes.swarm(recorded, "why", folder, *question)
-        assert done.returncode == 2
-        assert "Traceback" not in done.stderr
+    for question in ("robot2 5.6", "robot9 1", "robot1 99"):
+        assert ask(question).returncode == 2
 
 
 def test_explain_prints_every_robot_at_every_moment(

@@ -274,3 +274,18 @@ def test_counts_go_on_from_the_segments_before(ticks: Ticks, tmp_path: Path) -> 
     writer.close()
     assert writer.counts.topics[0] == recording.TopicCount("tick", 60, 60, 60, 0)
     assert recording.verify(tmp_path / "run.1.mcap").topics[0].expected == 40
+
+
+def test_run_whose_first_file_was_never_opened_is_read_and_one_that_lost_it_is_not_whole(
+    ticks: Ticks, tmp_path: Path
+) -> None:
+    write(tmp_path, 1, ticks, close=True)
+    assert recording.next_segment(tmp_path) == 2
+    assert recording.verify(tmp_path).ok
+    assert tuple(recording.read(tmp_path / "run.mcap").ticks) == ticks
+    (tmp_path / "run.1.mcap").unlink()
+    write(tmp_path, 1, ticks[20:], close=True)
+    verdict = recording.verify(tmp_path)
+    assert not verdict.ok
+    assert verdict.gaps == (recording.TickRange(0, 19),)
+    assert recording.verify(tmp_path / "run.1.mcap").ok

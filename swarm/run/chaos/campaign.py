@@ -27,6 +27,7 @@ from swarm.scenario import Scenario
 
 TWICE_EVERY = 25  # runs; one of them is made twice, and has to come out the same
 SHRUNK_MAX = 6  # failures that are made small: the first for each invariant, then the earliest
+SHRINK_S = 300.0  # wall, for each of them
 CONFIRM_S = 600.0  # wall; a run of the command line takes seconds
 
 GRAVEST = (
@@ -49,6 +50,7 @@ class Order(msgspec.Struct, frozen=True, kw_only=True):
     everything: bool = False
     workers: int | None = None  # processes; 0: all in this one; None: one for each core
     tries_max: int = shrink.TRIES_MAX
+    shrunk_max: int = SHRUNK_MAX
 
 
 class Spread(msgspec.Struct, frozen=True):
@@ -192,8 +194,11 @@ class _Task(msgspec.Struct, frozen=True):
 def _smallest(task: _Task) -> shrink.Shrunk | None:
     """The smallest schedule that breaks the same; None when memory does not show it."""
     job = task.job
+    until_s = time.monotonic() + SHRINK_S
 
     def fails(drawn: shrink.Drawn) -> bool:
+        if time.monotonic() > until_s:
+            return False  # the best so far has to do
         try:
             broken = memory.breaks(memory.changed(job, drawn), task.invariant)
         except Exception:  # whatever it is, it is what is looked for, or it is not
@@ -227,7 +232,7 @@ def _failures(
             order.everything,
             order.tries_max,
         )
-        for one in _chosen(broken)
+        for one in _chosen(broken)[: order.shrunk_max]
     ]
     found: dict[int, shrink.Shrunk | None] = {}
     for done in _shared(_smallest, tasks, order.workers):
@@ -255,12 +260,12 @@ def _failures(
 
 
 def _chosen(broken: Sequence[Ran]) -> list[Ran]:
-    """Runs to be made small."""
+    """Runs to be made small, in this order."""
     firsts: dict[str, Ran] = {}
     for one in broken:
         firsts.setdefault(worst(one.findings.violations).invariant, one)
     others = [one for one in broken if one not in firsts.values()]
-    return [*firsts.values(), *others][:SHRUNK_MAX]
+    return [*firsts.values(), *others]
 
 
 def worst(violations: Sequence[Violation]) -> Violation:

@@ -17,7 +17,7 @@ from swarm.faults import Fault
 from swarm.run.chaos import schedules
 from swarm.scenario import Scenario
 
-TRIES_MAX = 150  # runs
+TRIES_MAX = 80  # runs
 ROUND_TICKS = (25, 5)  # coarse grids for times; 2 s and 0.4 s at 80 ms
 
 Drawn = tuple[Fault, ...]

@@ -1,0 +1,58 @@
+"""How late a robot's commands take effect, learnt from what its body does.
+
+    set-points sent, measured twist --which of them is it?--> ticks late
+
+A robot whose commands come too late cannot be told so; but its body then does what it was told some
+ticks before. Guards reckon with it: who stops later must begin earlier.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from swarm.geometry import Twist
+
+# An older command is not heeded any more: the world brakes by then.
+LATE_TICKS_MAX = 4
+# The body does what a set-point says when it is this near to it. One whose wheels lag, or are weak,
+# never is, and nothing is learnt.
+SAME_MPS, SAME_RADPS = 1e-3, 1e-3
+
+
+class State(msgspec.Struct, frozen=True):
+    """The newest set-points, the last one first, and by how much they are late."""
+
+    sent: tuple[Twist, ...] = ()
+    late_ticks: int = 0
+
+
+def step(state: State, twist: Twist, elapsed_ticks: int) -> State:
+    """Lateness at this tick. What it was taken for is kept as long as it explains what is seen.
+
+    Args:
+        twist: measured; on time it is the last set-point.
+        elapsed_ticks: since the last frame; whoever missed some knows nothing of the time between.
+    """
+    if elapsed_ticks != 1:
+        return State(late_ticks=state.late_ticks)
+    fitting = [ticks for ticks, sent in enumerate(state.sent) if _is_same(sent, twist)]
+    if not fitting or state.late_ticks in fitting:
+        return state
+    return State(state.sent, fitting[0])
+
+
+def send(state: State, set_point: Twist) -> State:
+    """State after a set-point has been sent."""
+    return State((set_point, *state.sent)[: LATE_TICKS_MAX + 1], state.late_ticks)
+
+
+def base(state: State, twist: Twist) -> Twist:
+    """What the body will do when the next set-point takes effect: the one before it, if late."""
+    return state.sent[0] if state.late_ticks and state.sent else twist
+
+
+def _is_same(one: Twist, other: Twist) -> bool:
+    return (
+        abs(one.speed_mps - other.speed_mps) < SAME_MPS
+        and abs(one.turn_rate_radps - other.turn_rate_radps) < SAME_RADPS
+    )
