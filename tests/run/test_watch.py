@@ -96,7 +96,7 @@ def drawn(width: int, height: int | None = None, count: int = 3) -> list[str]:
 
 def test_board_has_every_column_where_there_is_room() -> None:
     lines = drawn(120)
-    assert lines[0].startswith("Gap: running at 0.8 s (tick 10) of at most 60 s")
+    assert lines[0].startswith("running at 0.8 s of at most 60 s, 0.0 x real time")
     assert lines[2].split() == [column.title for column in board.COLUMNS]
     assert lines[5].split() == ["robot1", "100", "running", "ok", "1m15s", "3%", "11M", "12.5", "5"]
 
