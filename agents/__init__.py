@@ -1,8 +1,13 @@
 """One robot.
 
-frame -> peers, msam -> seek: field, steering | follow: formation, pid -> priority, guard -> command
+frame -> peers, election -> msam -> lead, seek | follow -> priority, guard -> command
 
-peers       beacons heard -> where the peers are now
+peers       beacons heard -> where the peers are now; bodies of those that fell silent
+election    claims, signs of life -> who leads
+mission     goal and way-points, from leader to leader
+assignment  rows to columns at least cost
+places      which follower has which slot
+health      sensors and motors that cannot be trusted
 msam        ranges -> sectors -> arcs (virtual circles)         eq. 17 to 21
 field       arcs, goal, peers -> forces                         eq. 22 to 38
 steering    force -> set-point; gap choice
@@ -10,6 +15,7 @@ rotation    ROUND: along the wall out of a trap, or FAILED
 seek        a goal of its own: GO, ROUND, ARRIVED
 formation   slot, way-point, bearing switch                     eq. 39 to 46
 pid         adaptive tracking                                   eq. 44, 47 to 64
+stray       stuck on the spot: round it; in a jam: back off
 follow      a slot: FORM, AVOID
 priority    claims, who yields to whom                          eq. 65, 66
 lateness    how late commands take effect

@@ -16,6 +16,7 @@ import msgspec
 
 from agents import field, formation, msam, pid, steering, stray
 from agents.peers import Peer, safe_distance
+from agents.priority import Claim
 from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import Pose, Twist, Vec2, wrap_angle
@@ -102,7 +103,9 @@ def step(
     others: list[Peer],
     goal: Goal,
     slot: Slot,
+    claim: Claim,
     *,
+    held_by: str,
     extended: bool,
     frozen: bool,
     waiting: bool,
@@ -112,6 +115,8 @@ def step(
 
     Args:
         others: peers to keep apart from.
+        claim: own one.
+        held_by: peer that let it not move in the tick before, "" when there is none.
         frozen: the set-point of the tick before was not the one asked for, or it gave way.
         waiting: it gave way in the tick before.
     """
@@ -134,17 +139,19 @@ def step(
     )
     rest_s = state.rest_s + elapsed_s if rests else 0.0
     point = formation.waypoint(goal.leader, goal.heading_rad, slot.distance_m, bearing_now_rad)
-    astray, own = stray.step(
-        setup,
-        state.astray,
-        pose,
-        map,
-        others,
-        point,
-        extended=extended,
-        waiting=waiting,
-        elapsed_s=elapsed_s,
-    )
+    astray, own = stray.back_off(setup, state.astray, pose, map, others, claim, held_by, elapsed_s)
+    if own is None:
+        astray, own = stray.step(
+            setup,
+            astray,
+            pose,
+            map,
+            others,
+            point,
+            extended=extended,
+            waiting=waiting,
+            elapsed_s=elapsed_s,
+        )
     tracking = state.tracking
     direction_rad = None
     if own is not None:

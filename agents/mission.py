@@ -69,8 +69,8 @@ def bound_for(setup: RobotSetup, mission: Mission, stalled_s: float = 0.0) -> Ro
     """Setup with the goal and way-points of a mission for the robot's own.
 
     Args:
-        stalled_s: for how long it has made no headway. It then looks less far for a gap: two
-            bodies that stand one behind the other each leave a way, but no straight one.
+        stalled_s: for how long it has made no headway. It then looks less far for a gap: bodies
+            one behind the other may each leave a way, but none that is straight.
     """
     robot, steering = setup.robot, setup.steering
     if robot.goal != mission.goal or robot.via != mission.via:

@@ -39,12 +39,20 @@ from agents.peers import Body, Peer
 from agents.priority import Role
 from agents.steering import Wish
 from swarm import geometry, messages
-from swarm.geometry import STILL, Twist
+from swarm.geometry import STILL, Pose, Twist
 from swarm.messages import Beacon, Command, SensorFrame, Slot, Trace
 from swarm.scenario import RobotSetup
 
 # Timers never advance by more than this in one step, however many frames were missed.
 ELAPSED_S_MAX = 1.0
+# A guard that allows less than this holds a robot.
+HELD_MPS = 0.05
+# A leader goes at less than this share of its speed for one that lags, but not for longer.
+WAITING_FACTOR = 0.5
+WAITING_S_MAX = 20.0
+# Near a body that was a robot, this margin has to do.
+SQUEEZE_M = 2.5
+SQUEEZE_MARGIN_M = 0.06
 
 
 class State(msgspec.Struct, frozen=True):
@@ -54,7 +62,7 @@ class State(msgspec.Struct, frozen=True):
     tick: int = -1  # of the last frame; -1 before the first
     command: Twist = STILL  # last set-point
     limited: bool = False  # the last set-point was not the one the mode asked for
-    held_by_peer: bool = False  # a peer in the way was what limited it
+    held_by: str = ""  # peer right in front that did not let it move
     peers: tuple[Beacon, ...] = ()  # newest of each, in order of names
     bodies: tuple[Body, ...] = ()  # of those that are not heard any more
     fit: bool = False  # whether it could lead
@@ -64,6 +72,7 @@ class State(msgspec.Struct, frozen=True):
     formation_heading_rad: float | None = None  # theta_F, None while it is not known
     formation_turn_rate_radps: float = 0.0
     places: places.State = places.State()  # of a leader
+    waited_s: float = 0.0  # of a leader: slowed down for one that lags
     seeking: seek.State = seek.State()
     following: follow.State = follow.State()
     waiting: priority.State = priority.State()
@@ -127,7 +136,8 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     elif complaint == "sensors":
         wish = Wish(mode="HOLD", reason="sensors")
     else:
-        state, wish = decide(setup, state, role, frame, map, others, elapsed_s)
+        careful = squeeze(setup, frame.pose, state.bodies)
+        state, wish = decide(careful, state, role, frame, map, others, elapsed_s)
         if complaint == "motors":  # it goes on asking, so it notices when they come back
             wish = msgspec.structs.replace(wish, mode="HOLD", reason="motors")
 
@@ -155,7 +165,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         waiting=waiting,
         command=set_point,
         limited=limited,
-        held_by_peer=allowed.by not in ("", "brake"),
+        held_by=allowed.by if allowed.by != "brake" and allowed.speed_mps < HELD_MPS else "",
         fit=fit,
         lateness=lateness.send(late, set_point),
     )
@@ -271,6 +281,25 @@ def is_sane(frame: SensorFrame) -> bool:
     )
 
 
+def squeeze(setup: RobotSetup, pose: Pose, bodies: tuple[Body, ...]) -> RobotSetup:
+    """Setup with less room asked for in gaps near the body of a robot that was lost.
+
+    In the middle of a gap for two it leaves a way on either side, if only just; the guards keep
+    off what is asked for too closely.
+    """
+    if not any(
+        geometry.length(body.x_m - pose.x_m, body.y_m - pose.y_m) < SQUEEZE_M for body in bodies
+    ):
+        return setup
+    steering = setup.steering
+    tight = msgspec.structs.replace(
+        steering,
+        gap_margin_m=min(steering.gap_margin_m, SQUEEZE_MARGIN_M),
+        gap_margin_follower_m=min(steering.gap_margin_follower_m, SQUEEZE_MARGIN_M),
+    )
+    return msgspec.structs.replace(setup, steering=tight)
+
+
 def is_finite(twist: Twist) -> bool:
     """Whether a set-point is one that motors could be given."""
     return isfinite(twist.speed_mps) and isfinite(twist.turn_rate_radps)
@@ -330,6 +359,8 @@ def decide(
             others,
             follow.goal_of(leader),
             state.slot,
+            priority.claim(role, state.slot, setup.row),
+            held_by=state.held_by,
             extended=extended,
             frozen=state.limited,
             waiting=is_held_up(state),
@@ -368,9 +399,12 @@ def lead(
     pose, heading_rad = frame.pose, state.formation_heading_rad
     followers = [peer for peer in others if is_led(peer)]
     wish = Wish(mode="HOLD")
-    seeking, rate_radps = state.seeking, 0.0
+    seeking, rate_radps, waited_s = state.seeking, 0.0, 0.0
     if state.mission.goal is not None:
-        lag_m = formation.lag(heading_rad, pose, followers)
+        factor = formation.pace(setup.formation, formation.lag(heading_rad, pose, followers))
+        waited_s = state.waited_s + elapsed_s if factor < WAITING_FACTOR else 0.0
+        if waited_s > WAITING_S_MAX:
+            factor = WAITING_FACTOR
         slowest_mps = formation.slowest(setup, followers)
         cruise_mps = formation.cruise(setup, slowest_mps)
         seeking, wish = seek.step(
@@ -379,7 +413,7 @@ def lead(
             pose,
             map,
             (),
-            speed_mps=cruise_mps * formation.pace(setup.formation, lag_m),
+            speed_mps=cruise_mps * factor,
             extended=setup.robot.controller == "extended",
             waiting=is_held_up(state),
             elapsed_s=elapsed_s,
@@ -398,7 +432,11 @@ def lead(
         arrived=wish.arrived,
     )
     return msgspec.structs.replace(
-        state, seeking=seeking, places=plan, formation_turn_rate_radps=rate_radps
+        state,
+        seeking=seeking,
+        places=plan,
+        formation_turn_rate_radps=rate_radps,
+        waited_s=waited_s,
     ), wish
 
 
@@ -407,7 +445,7 @@ def is_held_up(state: State) -> bool:
     return (
         state.waiting.yields_to is not None
         or health.complaint(state.health) == "motors"
-        or (state.election.leads and state.held_by_peer)
+        or (state.election.leads and state.held_by != "")
     )
 
 

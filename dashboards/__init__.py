@@ -14,9 +14,16 @@ blueprint   what a viewer shows at first
 live        file and server, and how to start a viewer
 
 TickRecord ... -> tracks -> drawing, figures -> page
+             \\-> course -> incidents -> narrative, charts, traffic -> report
 
 tracks      a whole run as arrays
 drawing     what pictures are made of
 figures     the pictures of the paper
 page        one HTML page of pictures and claims
+course      what a report needs besides: clearances, who waits, what came over each topic
+incidents   what went wrong, and how well it was taken
+narrative   a run in words
+charts      the figures of a report
+traffic     rate, jitter and loss of each topic
+report      one page that tells a run, or two runs side by side
 """

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 
 from dashboards import stage
-from dashboards.tracks import WAITS, Tracks
+from dashboards.tracks import NOBODY, WAITS, Tracks
 from swarm.geometry import Floats
 
 BODIES_MAX = 14  # positions of a robot along its way, at most
@@ -25,6 +25,7 @@ LINE_SHARE = 0.7  # of a colour's brightness
 INK = "#2d3748"
 FAINT = "#a0aec0"
 OBSTACLE = "#cbd5e0"
+LEGEND_COLUMNS = 8  # of robots' names; beyond it they take another row
 WAITS_COLOUR = "#f56565"
 # Points; the leader's gold is near to other yellows upon white, and others follow in its line.
 RIM, LEADER_RIM = 0.7, 2.2
@@ -130,12 +131,13 @@ def moments(path: Tracks, step_s: float) -> list[int]:
 
 
 def links(axes: Axes, path: Tracks, tick: int) -> None:
-    """Faint lines from the leader to its followers: the shape of the formation at that time."""
-    formation = path.scenario.formation
-    if formation is None:
+    """Faint lines from leaders to their followers: the shape of the formation at that time."""
+    if path.scenario.formation is None:
         return
-    leader = path.poses[tick, path.scenario.row(formation.leader)]
-    for x_m, y_m, _ in path.poses[tick]:
+    for (x_m, y_m, _), led in zip(path.poses[tick], path.leaders[tick], strict=True):
+        if led == NOBODY:
+            continue
+        leader = path.poses[tick, led]
         axes.plot([leader[0], x_m], [leader[1], y_m], color=FAINT, linewidth=0.6, zorder=1.5)
 
 
@@ -229,4 +231,9 @@ def legend_of_robots(
         )
         for row in shown
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=min(len(handles), LEGEND_COLUMNS),
+        frameon=False,
+    )

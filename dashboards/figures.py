@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
@@ -57,6 +58,16 @@ def tracking(path: Tracks) -> Figure:
     figure = Figure(figsize=(WIDTH_IN, 10.5))
     figure.set_layout_engine("constrained")
     panels = figure.subplots(4, 1, sharex=True, height_ratios=[3.0, 3.0, 3.0, 2.4])
+    errors(panels[:3], path)
+    drawing.bars(panels[3], path)
+    drawing.legend_of_robots(figure, path, tracks.followers(path), dashed=True)
+    drawing.legend_of_states(figure, [path])
+    panels[0].set_title(f"{drawing.title(path)}: errors of the followers by their nominal slots")
+    return figure
+
+
+def errors(panels: Sequence[Axes], path: Tracks) -> None:
+    """Errors of all followers: in distance and bearing from their leader, and from their slots."""
     distance_m, bearing_rad, off_m = tracks.tracking_errors(path)
     lines = drawing.colours(path, drawing.LINE_SHARE)
     for axes, values, label in (
@@ -75,11 +86,6 @@ def tracking(path: Tracks) -> Figure:
         axes.axhline(0.0, color=drawing.INK, linewidth=0.6)
         axes.set_ylabel(label)
         axes.grid(color=drawing.FAINT, alpha=0.3)
-    drawing.bars(panels[3], path)
-    drawing.legend_of_robots(figure, path, tracks.followers(path), dashed=True)
-    drawing.legend_of_states(figure, [path])
-    panels[0].set_title(f"{drawing.title(path)}: errors of the followers by their nominal slots")
-    return figure
 
 
 def encounters(paths: Mapping[str, Tracks]) -> Figure:
@@ -151,27 +157,32 @@ def force_angles(paths: Mapping[str, Tracks]) -> Figure:
     figure.set_layout_engine("constrained")
     panels = figure.subplots(len(paths), 1, sharex=True, sharey=True, squeeze=False)
     for axes, (title, path) in zip(panels.flat, paths.items(), strict=True):
-        # Unwrapped beside the heading: a reversal then shows as the half turn that it asks for.
-        yaw_rad = np.unwrap(path.poses[:, 0, 2])
-        force_rad = yaw_rad + tracks.wrap(path.forces_rad[:, 0] - yaw_rad)
-        line = drawing.colours(path, drawing.LINE_SHARE)[0]
-        axes.plot(
-            path.times_s, np.degrees(force_rad), color=line, linewidth=2.0, label="resultant force"
-        )
-        axes.plot(
-            path.times_s,
-            np.degrees(yaw_rad),
-            color=drawing.INK,
-            linewidth=1.0,
-            linestyle=drawing.DASHED,
-            label="heading of the robot",
-        )
+        force_angle(axes, path)
         axes.set_title(title)
-        axes.set_ylabel("angle from +x [deg]")
-        axes.yaxis.set_major_locator(MultipleLocator(45.0))
-        axes.grid(color=drawing.FAINT, alpha=0.3)
-        axes.set_xlim(left=0.0)
     panels[-1][0].set_xlabel("time [s]")
     handles, labels = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False)
     return figure
+
+
+def force_angle(axes: Axes, path: Tracks, row: int = 0) -> None:
+    """Angle of one robot's resultant force and its heading over time."""
+    # Unwrapped beside the heading: a reversal then shows as the half turn that it asks for.
+    yaw_rad = np.unwrap(path.poses[:, row, 2])
+    force_rad = yaw_rad + tracks.wrap(path.forces_rad[:, row] - yaw_rad)
+    line = drawing.colours(path, drawing.LINE_SHARE)[row]
+    axes.plot(
+        path.times_s, np.degrees(force_rad), color=line, linewidth=2.0, label="resultant force"
+    )
+    axes.plot(
+        path.times_s,
+        np.degrees(yaw_rad),
+        color=drawing.INK,
+        linewidth=1.0,
+        linestyle=drawing.DASHED,
+        label="heading of the robot",
+    )
+    axes.set_ylabel("angle from +x [deg]")
+    axes.yaxis.set_major_locator(MultipleLocator(45.0))
+    axes.grid(color=drawing.FAINT, alpha=0.3)
+    axes.set_xlim(left=0.0)

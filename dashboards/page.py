@@ -58,11 +58,20 @@ class Page(msgspec.Struct, frozen=True):
 
 def html(page: Page) -> str:
     """Text of the page; what comes from names and texts is escaped."""
-    source = importlib.resources.files(__package__).joinpath(TEMPLATE).read_text("utf-8")
+    return render(TEMPLATE, page=page, claims=_claims(page.sections))
+
+
+def render(template: str, **values: object) -> str:
+    """A template of this package, filled in; texts are escaped, and nothing may be missing."""
+    folder = importlib.resources.files(__package__)
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.FunctionLoader(lambda name: folder.joinpath(name).read_text("utf-8")),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    return environment.from_string(source).render(page=page, claims=_claims(page.sections))
+    return environment.get_template(template).render(**values)
 
 
 def _claims(sections: Sequence[Section]) -> list[Claim]:

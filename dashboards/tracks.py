@@ -16,12 +16,14 @@ import numpy.typing as npt
 
 from swarm import errors, metrics
 from swarm.geometry import TAU, Floats
-from swarm.messages import TickRecord
+from swarm.messages import RobotRecord, TickRecord
 from swarm.scenario import Obstacle, Scenario
 
 WAITS = "waits"  # shown instead of the mode while a robot yields to another
+NOBODY = -1  # instead of a row
 
 States = tuple[tuple[str, ...], ...]  # (ticks, robots)
+Rows = npt.NDArray[np.int64]
 
 
 class Tracks(msgspec.Struct, frozen=True, eq=False):
@@ -34,20 +36,28 @@ class Tracks(msgspec.Struct, frozen=True, eq=False):
     slots: Floats  # (ticks, robots, 2) m, nan for who follows nobody
     forces_rad: Floats  # (ticks, robots) angle of the resultant of eq. 38, nan without a force
     states: States  # mode of each robot, or WAITS
+    leaders: Rows  # (ticks, robots) row of the leader that each follows, NOBODY when it has none
 
 
 def collect(
-    scenario: Scenario, obstacles: tuple[Obstacle, ...], records: Iterable[TickRecord]
+    scenario: Scenario,
+    obstacles: tuple[Obstacle, ...],
+    records: Iterable[TickRecord],
+    score: metrics.Score | None = None,
 ) -> Tracks:
     """Tracks of a run from its records in order.
 
-    Raises RecordingError when there is none.
+    Args:
+        score: one that has begun, for who wants it afterwards.
+    Raises:
+        RecordingError: there is no record.
     """
     rows = {robot.name: row for row, robot in enumerate(scenario.robots)}
-    score = metrics.begin(scenario)
+    score = metrics.begin(scenario) if score is None else score
     times_s: list[float] = []
     poses, slots, forces_rad = [], [], []
     states: list[tuple[str, ...]] = []
+    leaders: list[list[int]] = []
     for record in records:
         metrics.observe(score, record)
         times_s.append(record.stamp_ns * 1e-9)
@@ -65,6 +75,7 @@ def collect(
                 angles_rad[rows[command.robot]] = atan2(y, x)
         forces_rad.append(angles_rad)
         states.append(_states(record))
+        leaders.append([_leader(robot, record, rows) for robot in record.robots])
     if not times_s:
         raise errors.RecordingError(f"{scenario.title}: expected ticks to draw, got none")
     return Tracks(
@@ -75,7 +86,16 @@ def collect(
         slots=np.array(slots),
         forces_rad=np.array(forces_rad),
         states=tuple(states),
+        leaders=np.array(leaders),
     )
+
+
+def _leader(robot: RobotRecord, record: TickRecord, rows: dict[str, int]) -> int:
+    """Row of whom a live robot follows, if that one lives; a leader follows itself."""
+    if not robot.alive or robot.beacon is None or robot.beacon.leadership is None:
+        return NOBODY
+    row = rows.get(robot.beacon.leadership.name, NOBODY)
+    return row if row != NOBODY and record.robots[row].alive else NOBODY
 
 
 def _states(record: TickRecord) -> tuple[str, ...]:
@@ -105,7 +125,7 @@ def followers(tracks: Tracks) -> npt.NDArray[np.intp]:
 
 
 def tracking_errors(tracks: Tracks) -> tuple[Floats, Floats, Floats]:
-    """Errors of all robots behind the formation's leader, nan for who follows nobody.
+    """Errors of all robots behind the leader that each follows, nan for who follows nobody.
 
     Eq. 47, desired minus actual, from the true poses and for the centres of the bodies (the
     controller uses points a little before them), by the nominal slot also while the robot avoids
@@ -115,10 +135,9 @@ def tracking_errors(tracks: Tracks) -> tuple[Floats, Floats, Floats]:
         (ticks, robots) distance error in m, bearing error in rad as seen from the leader, and
         the distance of the robot from its slot in m.
     """
-    formation = tracks.scenario.formation
     positions = tracks.poses[:, :, :2]
-    leader = 0 if formation is None else tracks.scenario.row(formation.leader)
-    origin = positions[:, leader : leader + 1]
+    led = np.maximum(tracks.leaders, 0)  # where nobody leads there is no slot either
+    origin = np.take_along_axis(positions, led[:, :, None], axis=1)
     desired, actual = tracks.slots - origin, positions - origin
     distance_m = _lengths(desired) - _lengths(actual)
     bearing_rad = wrap(

@@ -47,8 +47,9 @@ ONLY = {
     "foxglove": ("dashboards",),
     "typer": ("swarm.run",),
     "rich": ("swarm.run",),
-    "matplotlib": ("dashboards.figures", "dashboards.drawing"),
+    "matplotlib": ("dashboards.figures", "dashboards.drawing", "dashboards.charts"),
     "jinja2": ("dashboards.page",),
+    "pyarrow": ("swarm.run.export",),
     "psutil": ("swarm.runs", "swarm.run"),
     "setproctitle": ("swarm.lifetime", "swarm.run"),
 }

@@ -20,6 +20,9 @@ lockstep     the same swarm in one process
 replay       every robot again, from a recording
 difference   two runs side by side
 why          what one robot saw, weighed and did at one moment; explain puts it in words
+report       all that a run has left behind, for the page that tells it
+export       a run as tables
+sampler      what the processes of a run cost
 draft        the scenario that `swarm new` writes
 doctor       what a run needs of this machine
 bench        what it costs

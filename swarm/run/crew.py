@@ -200,6 +200,12 @@ class Crew:
         child = self._children.get(name)
         return START_FAILED if child is None else child.exit_code()
 
+    def pids(self) -> dict[str, int]:
+        """Of those that live, by name."""
+        return {
+            name: child.pid for name, child in self._children.items() if child.exit_code() is None
+        }
+
     def is_over(self) -> bool:
         """Whether nobody lives, and nobody will."""
         return all(life.phase == "over" for life in self.lives.values())

@@ -24,7 +24,7 @@ MODES = {
     "FORM": "it keeps its place in the formation",
     "AVOID": "something is near, so it leaves its place and goes where the forces push it",
     "ARRIVED": "it is where it should be",
-    "HOLD": "it stands: nothing to do, or nobody to follow",
+    "HOLD": "it stands",
     "FAILED": "it has given up",
 }
 REASONS = {
@@ -56,7 +56,10 @@ def show(found: Why) -> None:
         console.print(Text(f"\n{text}", style="bold"))
 
     console.print(
-        Text(f"{found.robot} at {found.time_s:.2f} s (tick {found.tick}): {found.scenario}", "bold")
+        Text(
+            f"{found.robot} at {found.time_s:.2f} s (tick {found.tick}): {found.scenario}", "bold"
+        ),
+        soft_wrap=True,
     )
     say(*_state(found))
     head("What it saw")
@@ -103,10 +106,11 @@ def _state(found: Why) -> list[str]:
     if not found.answered:
         lines.append("It did not answer this frame: what follows is only what it was sent.")
     if found.mode:
-        why = REASONS.get(found.reason, "")
-        lines.append(
-            f"Its mode was {found.mode}: {MODES.get(found.mode, '')}{f': {why}' if why else ''}."
-        )
+        why = REASONS.get(found.reason, found.reason)
+        if found.mode == "HOLD" and not why:
+            why = "it has nothing to do, or nobody to follow"
+        because = f", because {why}" if why else ""
+        lines.append(f"Its mode was {found.mode}: {MODES.get(found.mode, '')}{because}.")
     return lines
 
 
@@ -138,7 +142,8 @@ def _sight(found: Why) -> list[str]:
     if not found.sectors_m:
         return [*lines, "  it did not tell"]
     if found.nearest is None:
-        return [*lines, "  nothing within reach of its lidar, except robots it knew about"]
+        other = "else " if found.blind_beams else ""
+        return [*lines, f"  nothing {other}within reach of its lidar, but robots it knew about"]
     nearest = found.nearest
     lines.append(
         f"  {len(found.occupied)} of {len(found.sectors_m)} sectors occupied, the nearest "

@@ -28,6 +28,7 @@ from swarm.run import supervision
 from swarm.run.child import Child, free_port
 from swarm.run.crew import WORLD, Crew
 from swarm.run.inbox import Inbox
+from swarm.run.sampler import Sampler
 from swarm.run.viewers import Viewer, free_ports
 from swarm.scenario import Scenario
 
@@ -100,6 +101,7 @@ class _Supervisor:
         self._ports = free_ports(plan.view, plan.foxglove)
         self._endpoint = ""
         self._crew = self._muster()
+        self._sampler = Sampler(plan.folder)
         self._signals: list[int] = []
         self._problem: str | None = None
         self._overtime = False
@@ -250,7 +252,9 @@ class _Supervisor:
                 crew.tell(WORLD, supervision.Stop())
             if len(self._signals) > 1:
                 crew.tell(WORLD, supervision.End())
+            self._sampler.look(self._pids)
             self._wait()
+        self._sampler.look(self._pids, at_once=True)
         code = crew.exit_code(WORLD)
         if code is None or (code != 0 and stopping):
             self._problem = "the world did not stop when asked and was ended"
@@ -275,6 +279,9 @@ class _Supervisor:
             if not life.ready and (heard if name == WORLD else token in alive):
                 self._crew.tell(name, supervision.Ready())
         return heard
+
+    def _pids(self) -> dict[str, int]:
+        return {SUPERVISOR: os.getpid(), **self._crew.pids()}
 
     def _attend(self) -> None:
         """See to everyone once."""

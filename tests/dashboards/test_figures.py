@@ -123,6 +123,7 @@ def test_body_that_stands_is_drawn_once(path: Tracks) -> None:
         path.slots,
         path.forces_rad,
         path.states,
+        path.leaders,
     )
     axes = figures.encounters({"standing": path}).axes[0]
     assert len([text for text in axes.texts if text.get_text() == "1"]) == 1

@@ -122,7 +122,7 @@ def test_a_guard_that_is_switched_off_is_found_and_shown_by_two_faults_at_most(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def toothless(
-        setup: RobotSetup, twist: Twist, asked: Twist, *_: object
+        setup: RobotSetup, twist: Twist, asked: Twist, *_: object, **__: object
     ) -> tuple[Twist, guard.Limit]:
         reached = steering.slew(
             setup.robot, twist, asked.speed_mps, asked.turn_rate_radps, setup.dt_s

@@ -145,7 +145,8 @@ def test_run_json_is_one_object_equal_to_the_summary(folder: Path) -> None:
         runs.LOGS,
     }
     logs = {path.name for path in (folder / "out" / runs.LOGS).iterdir()}
-    assert logs == {"run.log", "world.log", "robot1.log", "robot2.log", "robot3.log"}
+    names = ("run", "world", "robot1", "robot2", "robot3")
+    assert logs == {*(f"{name}.log" for name in names), "processes.jsonl"}
 
 
 def test_run_names_the_expectation_it_missed(folder: Path) -> None:

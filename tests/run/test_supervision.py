@@ -128,6 +128,7 @@ def test_any_order_of_events_keeps_one_process_and_comes_to_an_end(
     policy: Policy, obedient: bool, story: list[Event | float | str]
 ) -> None:
     play = Play(policy, obedient=obedient)
+    play.run()
     for move in story:
         if move == "die":
             play.die()
@@ -158,6 +159,7 @@ def test_end_is_reached_in_bounded_time_whatever_the_process_does(
     policy: Policy, story: list[Event | float | str]
 ) -> None:
     play = Play(policy, obedient=False)
+    play.run()
     for move in story:
         if isinstance(move, float):
             play.wait(move)
@@ -223,6 +225,16 @@ def test_stop_while_one_is_killed_for_a_new_one_is_the_end() -> None:
     play.die()
     assert play.life.phase == "over"
     assert len(play.spawned) == 1
+
+
+@pytest.mark.parametrize("last", [Kill(), End()])
+def test_kill_of_one_that_ends_is_the_end(last: Event) -> None:
+    play = Play(WORLD, obedient=False)
+    play.run()
+    play.tell(Stop())
+    play.tell(last)
+    play.die()
+    assert play.life.phase == "over"
 
 
 def test_killed_world_is_started_again_after_delays_that_double_until_it_is_given_up() -> None:

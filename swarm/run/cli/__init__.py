@@ -5,6 +5,7 @@
     watch       top, logs
     steer       pause, resume, step, rate, goal
     recordings  verify, replay, diff, why
+    results     report, export
     hand        world, robot, version
     measure     bench, reproduce
     breaking    chaos
@@ -26,7 +27,18 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import breaking, hand, live, measure, own, recordings, running, steer, watch
+from swarm.run.cli import (
+    breaking,
+    hand,
+    live,
+    measure,
+    own,
+    recordings,
+    results,
+    running,
+    steer,
+    watch,
+)
 
 app = typer.Typer(
     name="swarm",
@@ -61,6 +73,8 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "replay": recordings.replay_,
     "diff": recordings.diff,
     "why": recordings.why_,
+    "report": results.report,
+    "export": results.export_,
     "world": hand.world_,
     "robot": hand.robot_,
     "bench": measure.bench,
