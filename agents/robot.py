@@ -19,6 +19,7 @@ from math import isfinite
 import msgspec
 
 from agents import (
+    controllers,
     election,
     follow,
     formation,
@@ -77,6 +78,7 @@ class State(msgspec.Struct, frozen=True):
     following: follow.State = follow.State()
     waiting: priority.State = priority.State()
     health: health.State = health.State()
+    own: object = None  # memory of a controller of one's own
     lateness: lateness.State = lateness.State()
 
 
@@ -370,6 +372,10 @@ def decide(
     errand = state.mission or Mission(setup.robot.goal, setup.robot.via)
     if errand.goal is None:
         return state, Wish(mode="HOLD")
+    if (own := controllers.of(setup.robot.controller)) is not None:
+        bound = mission.bound_for(setup, errand)
+        memory, wish = own(bound, state.own, frame, map, others)
+        return replace(state, own=memory), wish
     seeking, wish = seek.step(
         mission.bound_for(setup, errand),
         state.seeking,

@@ -30,6 +30,7 @@ Point = tuple[Coordinate, Coordinate]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 ROBOTS_MAX = 500
+CONTROLLERS = ("extended", "paper")  # built in
 RESERVED_NAMES = frozenset(("world", "supervisor", "router", "run"))  # other processes' names
 
 T = TypeVar("T")
@@ -53,7 +54,8 @@ class RobotParameters(_Part, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     turn_acceleration_radps2_max: Annotated[float, Meta(gt=0.0, le=500.0)] = 12.0
     goal_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.1
     via_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.5
-    controller: Literal["extended", "paper"] = "extended"
+    # one of CONTROLLERS, or a file's name in agents/controllers
+    controller: Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,63}\Z")] = "extended"
     # kinematic: the wheels are ideal; dynamic: torques, masses and friction, eq. 8 to 16
     motion: Literal["kinematic", "dynamic"] = "kinematic"
     mass_kg: Annotated[float, Meta(ge=0.01, le=1e4)] = 12.0

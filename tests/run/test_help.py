@@ -64,7 +64,13 @@ def test_nonsense_is_refused_by_every_verb(here: Here, folder: Path, verb: str) 
     assert [path.name for path in folder.iterdir()] == ["runtime"]
 
 
-@pytest.mark.parametrize("verb", ["status", "top", "stop", "kill x", "restart x", "fault x"])
+NEEDING_A_SWARM = (
+    *("status", "top", "stop", "kill x", "restart x", "fault x"),
+    *("pause", "resume", "step", "rate 2", "goal x 1 2"),
+)
+
+
+@pytest.mark.parametrize("verb", NEEDING_A_SWARM)
 def test_verbs_about_a_running_swarm_fail_when_there_is_none(here: Here, verb: str) -> None:
     done = here(verb)
     assert done.returncode == 1
