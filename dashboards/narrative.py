@@ -133,6 +133,8 @@ def _setting(scenario: Scenario, summary: metrics.Summary) -> str:
     how = (
         "all in one process, in lock-step"
         if summary.bus == "memory"
+        else "in lock-step"
+        if summary.bus not in ("memory", "zenoh") and summary.clock == "lockstep"
         else "each a process of its own over Zenoh, "
         + ("in lock-step" if summary.clock == "lockstep" else "in real time")
     )

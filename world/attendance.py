@@ -96,10 +96,11 @@ class Attendance:
             and _token(name, member) not in alive
         ]
 
-    def open(self) -> None:
-        """Begin with those that are there; the others are missing, or gone."""
+    def open(self, *, stopping: bool) -> None:
+        """Begin with those that are there; unless it is to stop, the others are missing, or gone."""
         run = self._run
-        for name in self.absent():
+        absent = self.absent()
+        for name in absent if not stopping else ():
             if run.members[name].state == "starting":
                 run.lose(name, "missing")
                 run.event("robot-missing", name, "did not come up in time")
@@ -107,7 +108,7 @@ class Attendance:
             else:
                 self._lose(name)
         for name, member in run.members.items():
-            if member.state == "starting":
+            if member.state == "starting" and name not in absent:
                 run.change(name, state="running")
 
     def notice_losses(self) -> None:
@@ -142,7 +143,7 @@ class Attendance:
                 continue
             if not self.has_token(name):
                 continue
-            if member.state == "hung" and member.answered_tick < member.sent_tick:
+            if member.owes and member.answered_tick < member.sent_tick:
                 continue  # its link lives, its loop does not answer yet
             run.welcome(name)
             self.be_patient(name)

@@ -237,7 +237,7 @@ class _Conductor:
                 break
             self._bus.receive(BARRIER_POLL_S)
             self._desk.publish()
-        attendance.open()
+        attendance.open(stopping=self._stop.reason is not None)
         attendance.beat()
         if resumed is None:
             run.event("start", None, self._scenario.title)
@@ -333,6 +333,7 @@ class _Conductor:
                     return
                 for name in sorted(waiting):
                     attendance.hang(name, "no command before the deadline")
+                    self._run.change(name, owes=True)
                 waiting = self._waiting()
 
     def _waiting(self) -> set[str]:

@@ -30,6 +30,7 @@ class Member(msgspec.Struct, frozen=True):
     start_tick: int | None = None  # when it is to be started again
     continue_tick: int | None = None  # when an injected hang is over
     hang: int | None = None  # number of the fault that stopped it: it cannot come back before
+    owes: bool = False  # it has its token, but must answer before it is taken back
     awaited: Literal["", "back", "new"] = ""  # it was continued, or started, and is not ready yet
     starts: tuple[int, ...] = ()  # ticks of its restarts within the policy's window
     restarts: int = 0
@@ -47,7 +48,9 @@ class Member(msgspec.Struct, frozen=True):
 
 def without(member: Member, state: RobotState) -> Member:
     """Member whose process is gone or does not answer."""
-    return msgspec.structs.replace(member, state=state, continue_tick=None, hang=None, awaited="")
+    return msgspec.structs.replace(
+        member, state=state, continue_tick=None, hang=None, awaited="", owes=False
+    )
 
 
 def back(member: Member, *, touched: bool) -> Member:
@@ -59,6 +62,7 @@ def back(member: Member, *, touched: bool) -> Member:
         continue_tick=None,
         hang=None,
         awaited="",
+        owes=False,
     )
 
 

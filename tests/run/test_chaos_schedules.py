@@ -111,7 +111,7 @@ def test_the_second_phase_begins_behind_the_last_fault_and_is_long_enough() -> N
     )
     assert schedules.healed_tick(PLAN, drawn) == 150  # (8 + 4) / 0.08
     planned = schedules.plan(PLAN, 32.0, drawn)
-    assert planned.duration_s == pytest.approx(12.0 + 32.0 + 60.0)
+    assert planned.duration_s == pytest.approx(12.0 + 32.0 + 120.0)
     assert planned.faults == drawn
     assert schedules.healed_tick(PLAN, ()) == 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import resource
 import shutil
@@ -69,6 +70,8 @@ def test_run_goes_on_and_names_the_ticks_that_a_full_disk_cost(
     log = (disk / "run" / runs.LOGS / "world.log").read_text()
     assert log.count("No space left on device; still trying") == 1
     assert f"lost ticks {last + 1}..100" in log
+    with contextlib.suppress(OSError):
+        (disk / "filler").write_bytes(bytes(1 << 20))
     done = processes.here(monkeypatch, capsys, folder, "verify disk/run --repair")
     assert done.returncode == 1
     assert "expected to write the repaired file, got: No space left on device" in done.stderr

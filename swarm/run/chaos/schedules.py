@@ -22,7 +22,7 @@ FAULTS_MAX = 6  # in one schedule
 FIRST_TICK = 13  # before that not everybody has heard where it goes: an election's time
 SPARED = 2  # robots that are neither killed nor started anew: somebody remembers the goal
 WORLD_KILLS_MAX = 2  # the policy starts a world again five times in a minute
-CONVERGE_S = 60.0  # after the last fault, and the undisturbed run's length besides
+CONVERGE_S = 120.0  # after the last fault, and the undisturbed run's length besides
 
 Whom = Literal["robots", "any", "world"]  # one to three by name or a share; all too; the world
 
