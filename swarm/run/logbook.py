@@ -34,13 +34,15 @@ def show(
 
     Raises UsageError for a name that has no log.
     """
+    card = _card(folder)
     tails: dict[Path, Tail] = {}
     console = Console()
     if not console.is_terminal:
         console = Console(width=1 << 16)  # a pipe gets whole lines
     width = 0
     while True:
-        runs_on = follow and is_running(folder)  # before the look: nothing is missed at the end
+        # asked before the look, of the process: robots still write when the card is gone
+        runs_on = follow and card is not None and runs.is_alive(card)
         paths = sorted((folder / runs.LOGS).glob("*.log"))
         known = [path.stem for path in paths]
         if not runs_on:
@@ -62,13 +64,12 @@ def show(
         time.sleep(LOOK_S)
 
 
-def is_running(folder: Path) -> bool:
-    """Whether the run in a folder still goes on."""
+def _card(folder: Path) -> runs.Card | None:
+    """Card of the run in a folder, None when it is over."""
     try:
-        card = msgspec.json.decode((folder / runs.CARD).read_bytes(), type=runs.Card)
+        return msgspec.json.decode((folder / runs.CARD).read_bytes(), type=runs.Card)
     except (OSError, msgspec.DecodeError):
-        return False
-    return runs.is_alive(card)
+        return None
 
 
 def _check(names: Sequence[str], known: Sequence[str]) -> None:

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -33,7 +32,7 @@ def lines(kind: str) -> list[str]:
 
 
 @pytest.fixture
-def clone(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def clone(folder: Path) -> Path:
     """The source in a folder of its own, with a `.venv/bin/swarm` that runs it."""
     for package in PACKAGES:
         shutil.copytree(ROOT / package, folder / package)
@@ -44,8 +43,6 @@ def clone(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         f'#!/bin/sh\nPYTHONPATH={folder} exec {sys.executable} -m swarm.run.start "$@"\n'
     )
     swarm.chmod(0o755)
-    (folder / "runtime").mkdir()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder / "runtime"))
     for match in FENCE.finditer(README.read_text()):
         if match["info"].startswith("python "):
             (folder / match["info"].split()[1]).write_text(match["body"])

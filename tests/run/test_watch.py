@@ -117,7 +117,8 @@ def test_those_in_trouble_are_shown_when_not_all_fit() -> None:
 
 
 def test_top_shows_every_process_once_where_there_is_no_terminal(here: Here, folder: Path) -> None:
-    run = processes.start(folder, "run", "empty", "--robots", "3", "--rate", "1", "--out", "one")
+    line = ("run", "empty", "--robots", "3", "--duration", "300", "--rate", "1", "--out", "one")
+    run = processes.start(folder, *line)
     processes.until(lambda: len(processes.named(folder, "swarm-robot")) == 3, 30.0, "3 robots")
 
     def found() -> dict[str, Any]:
@@ -140,9 +141,11 @@ def test_top_shows_every_process_once_where_there_is_no_terminal(here: Here, fol
     run.communicate()
 
 
-def test_top_follows_in_a_terminal_until_q(folder: Path) -> None:
-    run = processes.start(folder, "run", "empty", "--robots", "2", "--rate", "1", "--out", "one")
+def test_top_follows_in_a_terminal_until_q(here: Here, folder: Path) -> None:
+    line = ("run", "empty", "--robots", "2", "--duration", "300", "--rate", "1", "--out", "one")
+    run = processes.start(folder, *line)
     processes.until(lambda: (folder / "one" / "run.json").exists(), 30.0, "a run")
+    processes.until(lambda: here("status --run one").returncode == 0, 30.0, "a world that answers")
     ours, theirs = pty.openpty()
     top = subprocess.Popen(
         [*processes.SWARM, "top", "--run", "one"],
@@ -157,7 +160,10 @@ def test_top_follows_in_a_terminal_until_q(folder: Path) -> None:
     deadline_s = time.monotonic() + 30.0
     while b"robot2" not in seen:
         assert time.monotonic() < deadline_s
-        seen += os.read(ours, 4096)
+        try:
+            seen += os.read(ours, 4096)
+        except OSError:  # it has ended
+            pytest.fail(seen.decode())
     os.write(ours, b"q")
     os.set_blocking(ours, False)
     assert top.wait(10.0) == 0
