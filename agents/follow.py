@@ -121,7 +121,10 @@ def step(
         waiting: it gave way in the tick before.
     """
     assert setup.formation is not None
-    bearing_rad = switch_bearing(setup, state, pose, map, goal, slot)
+    # A slot that stands is a place like any other: nobody passes along a corridor there.
+    bearing_rad = slot.bearing_rad
+    if not goal.arrived:
+        bearing_rad = switch_bearing(setup, state, pose, map, goal, slot)
     bearing_now_rad = formation.slew_bearing(
         setup.formation, state.bearing_now_rad, bearing_rad, elapsed_s
     )

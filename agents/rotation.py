@@ -33,6 +33,11 @@ CORNER_RAD = 0.45
 # ... which is kept off from this much further than the wall.
 CORNER_BEYOND_M = 0.45
 CORNER_PUSH_MAX = 1.5
+# A ROUND that has not left a place of this size for so long has no room to keep its distance: the
+# bodies of robots that were lost may stand nearer to each other. It then follows the wall closely.
+PLACE_M = 1.0
+PLACE_S = 12.0
+CLOSE_M = 0.06  # beyond what it keeps clear of anyway
 # Steepness of both pushes, 1/m.
 WALL_GAIN_1PM = 2.0
 # Leaving ROUND, the way to the goal must be free this far.
@@ -54,6 +59,8 @@ class State(msgspec.Struct, frozen=True):
     lap_wall_rad: float = 0.0  # world, from there to the wall
     lap_away: bool = False  # has been away from there
     laps: int = 0  # completed, one each way
+    place: Vec2 | None = None  # world, where it has been in ROUND
+    place_s: float = 0.0  # for so long
     failed: Reason = ""  # there is no way; for good
 
 
@@ -99,7 +106,13 @@ def step(
                 look_m=min(distance_m, LEAVE_LOOK_M),
             )
             done = free_rad == goal_rad
-        memory = msgspec.structs.replace(memory, best_m=best_m, round_s=round_s)
+        place, place_s = memory.place, memory.place_s
+        if place is None or _away_m(place, position) > PLACE_M:
+            place, place_s = position, 0.0 if place_s < PLACE_S else place_s
+        place_s += 0.0 if waiting else elapsed_s
+        memory = msgspec.structs.replace(
+            memory, best_m=best_m, round_s=round_s, place=place, place_s=place_s
+        )
         if not done:
             if round_s > params.round_s_max:
                 return msgspec.structs.replace(memory, sense=0, failed="too-long")
@@ -107,7 +120,14 @@ def step(
         if distance_m < memory.hit_distance_m - params.round_leave_m:
             memory = msgspec.structs.replace(memory, round_s=0.0)
         return msgspec.structs.replace(
-            memory, reference_m=distance_m, stalled_s=0.0, sense=0, lap=None, laps=0
+            memory,
+            reference_m=distance_m,
+            stalled_s=0.0,
+            sense=0,
+            lap=None,
+            laps=0,
+            place=None,
+            place_s=0.0,
         )
     if distance_m < memory.reference_m - params.stall_progress_m:
         return msgspec.structs.replace(memory, best_m=best_m, reference_m=distance_m, stalled_s=0.0)
@@ -129,6 +149,15 @@ def step(
         hit_distance_m=best_m,
         hit_sense=sense,
     )
+
+
+def kept_m(memory: State, clear_m: float, keep_m: float) -> float:
+    """Distance to keep from the wall: less where there is no room for more."""
+    return min(keep_m, clear_m + CLOSE_M) if memory.place_s >= PLACE_S else keep_m
+
+
+def _away_m(one: Vec2, other: Vec2) -> float:
+    return geometry.length(one[0] - other[0], one[1] - other[1])
 
 
 def _walk_round(

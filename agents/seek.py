@@ -81,6 +81,7 @@ def step(
     direction_rad = state.direction_rad
     if memory.sense != 0:
         mode = "ROUND"
+        keep_m = rotation.kept_m(memory, clear_m, keep_m)
         along = rotation.follow_wall(keep_m, map, memory.sense, pose.yaw_rad)
         forces = Forces(rotating=along, resultant=along)
     else:

@@ -24,6 +24,15 @@ def here(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
     return functools.partial(processes.here, monkeypatch, capsys, folder)
 
 
+def _tick(card: runs.Card) -> int:
+    """Tick of a run, -1 while its world does not answer."""
+    try:
+        status = live.status_of(card)
+    except errors.BusError:
+        return -1
+    return status.tick if status.state == "running" else -1
+
+
 @pytest.fixture
 def card(folder: Path) -> Iterator[runs.Card]:
     """Card of a swarm that runs, and of which every robot has moved."""
@@ -32,16 +41,14 @@ def card(folder: Path) -> Iterator[runs.Card]:
 
     def found() -> bool:
         cards[:] = [card for card in runs.running() if Path(card.folder).parent == folder]
-        return bool(cards) and live.status_of(cards[0]).tick > 2
+        return bool(cards) and _tick(cards[0]) > 2
 
-    processes.until(found, 30.0, "ticks")
-    yield cards[0]
-    run.kill()
-    run.communicate()
-
-
-def states(card: runs.Card) -> dict[str, str]:
-    return {row.name: row.state for row in live.status_of(card).robots}
+    try:
+        processes.until(found, 60.0, "ticks")
+        yield cards[0]
+    finally:
+        run.kill()
+        run.communicate()
 
 
 def test_kill_restart_and_fault_strike(here: Here, card: runs.Card) -> None:
@@ -116,19 +123,12 @@ def test_stop_names_the_supervisor_that_is_stopped(
 def test_kill_world_reaches_one_that_is_stopped_and_another_takes_its_place(
     here: Here, folder: Path, card: runs.Card
 ) -> None:
-    before = live.status_of(card).tick
+    before = _tick(card)
     (world,) = processes.named(folder, "swarm-world")
     world.suspend()
     done = here(f"kill world --run {card.run}")
     assert done.returncode == 0, done.stderr
     assert "there is no world" in standing.what_blocks(card)
 
-    def goes_on() -> bool:
-        try:
-            status = live.status_of(card)
-        except errors.BusError:
-            return False
-        return status.state == "running" and status.tick > before
-
-    processes.until(goes_on, 20.0, "ticks of another world")
+    processes.until(lambda: _tick(card) > before, 60.0, "ticks of another world")
     assert processes.named(folder, "swarm-world")[0].pid != world.pid
