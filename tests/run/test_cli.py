@@ -237,7 +237,8 @@ def test_port_in_use_is_named_by_a_world_started_by_hand(folder: Path) -> None:
 
 def test_status_and_stop_find_the_running_swarm(folder: Path) -> None:
     run = processes.start(folder, "run", "two-obstacles", "--rate", "1", "--out", "one", "-q")
-    other = processes.start(folder, "run", "empty", "--rate", "1", "--out", "other", "-q")
+    line = ("run", "empty", "--duration", "300", "--rate", "1", "--out", "other", "-q")
+    other = processes.start(folder, *line)
 
     def cards() -> dict[str, runs.Card]:
         return {card.run: card for card in runs.running() if Path(card.folder).parent == folder}
