@@ -115,7 +115,9 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     if state.tick >= 0:
         elapsed_s = min(ELAPSED_S_MAX, max(1, frame.tick - state.tick) * setup.dt_s)
 
-    late = lateness.step(state.lateness, frame.twist, frame.tick - state.tick)
+    late = state.lateness
+    if setup.robot.motion == "kinematic":  # what motors with torques do lags without being late
+        late = lateness.step(late, frame.twist, frame.tick - state.tick)
 
     # 1. Hear: newest beacons, moved on to this tick; who leads, where to.
     sane = is_sane(frame)
