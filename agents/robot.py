@@ -45,6 +45,8 @@ from swarm.scenario import RobotSetup
 
 # Timers never advance by more than this in one step, however many frames were missed.
 ELAPSED_S_MAX = 1.0
+# A follower that has not heard its leader for so long, but of it, makes for the goal itself.
+UNHEARD_S = 2.0
 # A guard that allows less than this holds a robot.
 HELD_MPS = 0.05
 # A leader goes at less than this share of its speed for one that lags, but not for longer.
@@ -74,6 +76,7 @@ class State(msgspec.Struct, frozen=True):
     places: places.State = places.State()  # of a leader
     waited_s: float = 0.0  # of a leader: slowed down for one that lags
     seeking: seek.State = seek.State()
+    unheard_s: float = 0.0  # since a follower has heard its leader
     following: follow.State = follow.State()
     waiting: priority.State = priority.State()
     health: health.State = health.State()
@@ -344,7 +347,8 @@ def decide(
         if leader is None or state.slot is None:
             tracking = pid.reset(state.following.tracking)
             following = replace(state.following, tracking=tracking, rest_s=0.0)
-            return replace(state, following=following), Wish(mode="HOLD")
+            state = replace(state, following=following, unheard_s=state.unheard_s + elapsed_s)
+            return catch_up(setup, state, frame, map, others, elapsed_s)
         if leader.beacon.reason in ("enclosed", "too-long"):
             return state, Wish(mode="FAILED", reason="leader")
         following, wish = follow.step(
@@ -363,7 +367,7 @@ def decide(
             waiting=is_held_up(state),
             elapsed_s=elapsed_s,
         )
-        return replace(state, following=following), wish
+        return replace(state, following=following, unheard_s=0.0), wish
     if setup.robot.goal is None:
         return state, Wish(mode="HOLD")
     seeking, wish = seek.step(
@@ -378,6 +382,39 @@ def decide(
         elapsed_s=elapsed_s,
     )
     return replace(state, seeking=seeking), wish
+
+
+def catch_up(
+    setup: RobotSetup,
+    state: State,
+    frame: SensorFrame,
+    map: msam.Map,
+    others: list[Peer],
+    elapsed_s: float,
+) -> tuple[State, Wish]:
+    """A follower's tick without a leader in earshot: it holds, or makes for where that has gone.
+
+    As long as others pass on signs of life of the leader nobody else will lead, and the leader may
+    have arrived out of earshot.
+    """
+    errand = state.mission
+    led = election.is_followed(state.election, patience_ticks(setup))
+    if not led or state.unheard_s < UNHEARD_S or errand is None or errand.goal is None:
+        return msgspec.structs.replace(state, seeking=seek.State()), Wish(mode="HOLD")
+    seeking, wish = seek.step(
+        mission.bound_for(setup, errand, state.seeking.rotation.stalled_s),
+        state.seeking,
+        frame.pose,
+        map,
+        others,
+        speed_mps=setup.robot.cruise_speed_mps,
+        extended=setup.robot.controller == "extended",
+        waiting=is_held_up(state),
+        elapsed_s=elapsed_s,
+    )
+    if wish.arrived or wish.mode == "FAILED":
+        return msgspec.structs.replace(state, seeking=seek.State()), Wish(mode="HOLD")
+    return msgspec.structs.replace(state, seeking=seeking), wish
 
 
 def lead(
