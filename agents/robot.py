@@ -45,8 +45,6 @@ from swarm.scenario import RobotSetup
 
 # Timers never advance by more than this in one step, however many frames were missed.
 ELAPSED_S_MAX = 1.0
-# A follower that has not heard its leader for so long, but of it, makes for the goal itself.
-UNHEARD_S = 2.0
 # A guard that allows less than this holds a robot.
 HELD_MPS = 0.05
 # A leader goes at less than this share of its speed for one that lags, but not for longer.
@@ -55,6 +53,8 @@ WAITING_S_MAX = 20.0
 # Near a body that was a robot, this margin has to do.
 SQUEEZE_M = 2.5
 SQUEEZE_MARGIN_M = 0.06
+# A follower that does not hear a leader that lives goes after it when that has lasted for so long.
+GO_AFTER_S = 2.0
 
 
 class State(msgspec.Struct, frozen=True):
@@ -76,8 +76,8 @@ class State(msgspec.Struct, frozen=True):
     places: places.State = places.State()  # of a leader
     waited_s: float = 0.0  # of a leader: slowed down for one that lags
     seeking: seek.State = seek.State()
-    unheard_s: float = 0.0  # since a follower has heard its leader
     following: follow.State = follow.State()
+    unheard_s: float = 0.0  # of a follower: its leader lives, but is out of earshot
     waiting: priority.State = priority.State()
     health: health.State = health.State()
     lateness: lateness.State = lateness.State()
@@ -345,10 +345,7 @@ def decide(
     if role == "follower":
         leader = leader_of(state, others)
         if leader is None or state.slot is None:
-            tracking = pid.reset(state.following.tracking)
-            following = replace(state.following, tracking=tracking, rest_s=0.0)
-            state = replace(state, following=following, unheard_s=state.unheard_s + elapsed_s)
-            return catch_up(setup, state, frame, map, others, elapsed_s)
+            return lose_touch(setup, state, frame, map, others, elapsed_s)
         if leader.beacon.reason in ("enclosed", "too-long"):
             return state, Wish(mode="FAILED", reason="leader")
         following, wish = follow.step(
@@ -384,7 +381,7 @@ def decide(
     return replace(state, seeking=seeking), wish
 
 
-def catch_up(
+def lose_touch(
     setup: RobotSetup,
     state: State,
     frame: SensorFrame,
@@ -392,17 +389,22 @@ def catch_up(
     others: list[Peer],
     elapsed_s: float,
 ) -> tuple[State, Wish]:
-    """A follower's tick without a leader in earshot: it holds, or makes for where that has gone.
+    """A follower that does not hear its leader: it holds, and after a while it goes after it.
 
-    As long as others pass on signs of life of the leader nobody else will lead, and the leader may
-    have arrived out of earshot.
+    Others pass on that the leader lives, so it is out of earshot, on its way to the goal that the
+    follower knows, or there: the formation went on without one that was held up for long.
     """
-    errand = state.mission
-    led = election.is_followed(state.election, patience_ticks(setup))
-    if not led or state.unheard_s < UNHEARD_S or errand is None or errand.goal is None:
-        return msgspec.structs.replace(state, seeking=seek.State()), Wish(mode="HOLD")
+    replace = msgspec.structs.replace
+    tracking = pid.reset(state.following.tracking)
+    state = replace(state, following=replace(state.following, tracking=tracking, rest_s=0.0))
+    lives = election.is_followed(state.election, patience_ticks(setup))
+    if not lives or state.mission is None or state.mission.goal is None:
+        return replace(state, unheard_s=0.0), Wish(mode="HOLD")
+    unheard_s = state.unheard_s + elapsed_s
+    if unheard_s <= GO_AFTER_S:
+        return replace(state, unheard_s=unheard_s, seeking=seek.State()), Wish(mode="HOLD")
     seeking, wish = seek.step(
-        mission.bound_for(setup, errand, state.seeking.rotation.stalled_s),
+        mission.bound_for(setup, state.mission, state.seeking.rotation.stalled_s),
         state.seeking,
         frame.pose,
         map,
@@ -412,9 +414,9 @@ def catch_up(
         waiting=is_held_up(state),
         elapsed_s=elapsed_s,
     )
-    if wish.arrived or wish.mode == "FAILED":
-        return msgspec.structs.replace(state, seeking=seek.State()), Wish(mode="HOLD")
-    return msgspec.structs.replace(state, seeking=seeking), wish
+    if wish.mode in ("ARRIVED", "FAILED"):
+        wish = Wish(mode="HOLD")
+    return replace(state, unheard_s=unheard_s, seeking=seeking), wish
 
 
 def lead(

@@ -9,39 +9,50 @@ import rerun.blueprint as rrb
 from dashboards import stage
 from swarm.scenario import Obstacle, Scenario
 
-TRAIL_S = 25.0  # of each robot's way that is shown
+Part = rrb.View | rrb.Container
 
 
 def blueprint(scenario: Scenario, obstacles: Sequence[Obstacle]) -> rrb.Blueprint:
     """Layout for one scenario; travels inside the .rrd."""
-    x_min, y_min, x_max, y_max = stage.bounds(scenario, obstacles)
+    return layout(
+        formation=scenario.formation is not None,
+        lanes=len(scenario.robots) <= stage.STATE_ROBOTS_MAX,
+        bounds=stage.bounds(scenario, obstacles),
+    )
+
+
+def layout(
+    *, formation: bool, lanes: bool, bounds: tuple[float, float, float, float] | None
+) -> rrb.Blueprint:
+    """Layout for any run.
+
+    Args:
+        formation: there are errors of a formation to plot.
+        lanes: each robot has a time line, else there are counts of robots in each mode.
+        bounds: x_min, y_min, x_max, y_max of the scene, m; None: what there is to see.
+    """
+    visible = None
+    if bounds is not None:
+        x_min, y_min, x_max, y_max = bounds
+        visible = rrb.VisualBounds2D(x_range=[x_min, x_max], y_range=[-y_max, -y_min])
     scene = rrb.Spatial2DView(
         name="Scene",
         origin="/",
         contents="/world/**",
         background=list(stage.BACKGROUND),
-        visual_bounds=rrb.VisualBounds2D(x_range=[x_min, x_max], y_range=[-y_max, -y_min]),
-        overrides={"world/trails": _last(TRAIL_S)},
+        visual_bounds=visible,
+        overrides={trail.path: _last(trail.last_s) for trail in stage.TRAILS},
     )
-    left: list[rrb.View | rrb.Container] = [scene]
-    if len(scenario.robots) <= stage.STATE_ROBOTS_MAX:
-        left.append(rrb.StateTimelineView(name="Modes", origin="/robots", contents="/robots/**"))
-    right: list[rrb.View | rrb.Container] = [
-        _plot("Clearance [m]", "clearance"),
-        _plot("Speed [m/s]", "speed"),
-        rrb.Tabs(
-            _events(),
-            rrb.TextDocumentView(name="Run", origin="/info"),
-            active_tab=0,
-        ),
-    ]
-    if scenario.formation is not None:
-        right.insert(0, _plot("Formation error [m]", "formation_error_max", "formation_error"))
+    below: Part = rrb.StateTimelineView(
+        name="Leader, and what each robot does", origin="/", contents=["/swarm/**", "/robots/**"]
+    )
+    if not lanes:
+        below = rrb.Tabs(_plot("Robots in each mode", "modes"), below, active_tab=0)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(*left, row_shares=[5.0, 2.5][: len(left)]),
-            rrb.Vertical(*right),
-            column_shares=[5.0, 2.5],
+            rrb.Vertical(scene, below, row_shares=[5.0, 2.7]),
+            rrb.Vertical(*_plots(formation), row_shares=[1.0, 1.0, 1.0, 1.3]),
+            column_shares=[5.0, 2.7],
         ),
         rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="following"),
         rrb.SelectionPanel(state="collapsed"),
@@ -51,11 +62,34 @@ def blueprint(scenario: Scenario, obstacles: Sequence[Obstacle]) -> rrb.Blueprin
     )
 
 
-def _plot(name: str, *entities: str) -> rrb.TimeSeriesView:
+def _plots(formation: bool) -> list[Part]:
+    """Errors, distances and speeds in sight, what explains them behind tabs."""
+    clearance = _plot("Clearance [m]", "clearance")
+    speed = _plot("Speed [m/s]", "speed")
+    angle = _plot("Angle of the resultant force [rad]", "force_angle")
+    cost = _plot("Tick [ms]", "tick_cost")
+    texts = rrb.Tabs(
+        _events(), rrb.TextDocumentView(name="How to read it", origin="/info"), active_tab=0
+    )
+    if not formation:
+        return [clearance, speed, rrb.Tabs(angle, cost, active_tab=0), texts]
+    errors = rrb.Tabs(
+        _plot("Formation error [m]", "formation_error"),
+        _plot("Along [m]", "tracking_distance"),
+        _plot("Bearing [rad]", "tracking_bearing"),
+        _plot("PID gains", "gains"),
+        active_tab=0,
+    )
+    return [errors, clearance, rrb.Tabs(speed, angle, cost, active_tab=0), texts]
+
+
+def _plot(name: str, entity: str) -> rrb.TimeSeriesView:
+    """A curve or more, with the marks of what goes wrong."""
     return rrb.TimeSeriesView(
         name=name,
         origin="/plots",
-        contents=[f"/plots/{entity}" for entity in entities],
+        contents=[f"/plots/{entity}", "/plots/faults"],
+        axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 

@@ -17,7 +17,7 @@ import foxglove.messages as fm
 import numpy as np
 import numpy.typing as npt
 
-from dashboards import snapshot, stage, views
+from dashboards import plots, snapshot, stage
 from swarm import geometry, messages
 from swarm.geometry import Floats
 from swarm.messages import TickRecord
@@ -268,6 +268,6 @@ def _log(record: TickRecord) -> bytes:
     return fm.Log(
         timestamp=_timestamp(record.stamp_ns),
         level=_LEVELS[worst],
-        message="\n".join(map(views.event_text, record.events)),
+        message="\n".join(map(plots.event_text, record.events)),
         name="swarm",
     ).encode()

@@ -16,7 +16,7 @@ from urllib.parse import quote
 import rerun as rr
 import rerun_cli  # type: ignore[import-untyped]
 
-from dashboards import blueprint, stage, views
+from dashboards import batches, blueprint, stage, views
 from swarm.messages import TickRecord
 from swarm.scenario import Obstacle, Scenario
 
@@ -25,6 +25,7 @@ HOST = "127.0.0.1"
 SERVER_MEMORY = "256MiB"  # beyond it the server forgets the oldest for viewers that come late
 BATCH_TICKS = 100  # in one call per entity: some 10 x cheaper than a call per tick
 BATCH_S = 0.2  # wall; a live picture is never older
+FILE_BATCH_S = 2.0  # wall; of a file alone. Fewer pieces: 10 min of 100 robots open in 1 s, not 7
 CHECK_S = 1.0  # wall; how soon a full disk is noticed
 CLOSE_S = 5.0  # wall; for the last bytes
 FREE_BYTES_MIN = 1 << 18  # on the disk; less is too little to begin with
@@ -41,15 +42,19 @@ class Live:
         rrd_path: Path | None,
         serve_port: int | None,
         now: Callable[[], float] = time.monotonic,
+        cpu: Callable[[], float] = time.process_time,
     ) -> None:
         """Opens what it can; a port or a file of None is left out."""
         self.failure: str | None = None
         self._scenario = scenario
         self._now = now
-        self._shots: list[views.Shot] = []
-        self._before = views.Before()
-        self._send_at_s = now() + BATCH_S
-        self._check_at_s = now() + CHECK_S
+        self._cpu = cpu
+        self._shots: list[batches.Shot] = []
+        self._before = batches.Before()
+        self._seen_s, self._spent_s = now(), cpu()  # at the tick before
+        self._batch_s = FILE_BATCH_S if serve_port is None else BATCH_S
+        self._send_at_s = self._seen_s + self._batch_s
+        self._check_at_s = self._seen_s + CHECK_S
         file = [] if rrd_path is None or self._is_full(rrd_path) else [rr.FileSink(rrd_path)]
         server: list[rr.GrpcServerSink] = []
         if serve_port is not None:
@@ -72,15 +77,23 @@ class Live:
             for archetype in archetypes:
                 stream.log(path, archetype, static=True)
 
+    def has(self, record: TickRecord) -> None:
+        """Takes a tick that an earlier world has shown: the picture is one of the whole run."""
+        self._take(batches.shot(record), self._now())
+
     def observe(self, record: TickRecord) -> None:
         """Takes one tick; shows it with the next batch."""
+        now_s, spent_s = self._now(), self._cpu()
+        self._take(batches.shot(record, now_s - self._seen_s, spent_s - self._spent_s), now_s)
+        self._seen_s, self._spent_s = now_s, spent_s
+
+    def _take(self, shot: batches.Shot, now_s: float) -> None:
         if self._stream is None:
             return
-        self._shots.append(views.shot(record))
-        now_s = self._now()
+        self._shots.append(shot)
         if len(self._shots) >= BATCH_TICKS or now_s >= self._send_at_s:
             self._send(self._stream)
-            self._send_at_s = now_s + BATCH_S
+            self._send_at_s = now_s + self._batch_s
         if now_s >= self._check_at_s:
             self._check(self._stream)
             self._check_at_s = now_s + CHECK_S
@@ -96,15 +109,14 @@ class Live:
         self._stream = None
 
     def _send(self, stream: rr.RecordingStream) -> None:
-        batch = views.batch(self._scenario, self._shots, self._before)
-        for view in views.VIEWS:
-            for drawing in view(batch):
-                index = [
-                    rr.TimeColumn("tick", sequence=batch.ticks[drawing.rows]),
-                    rr.TimeColumn("sim_time", duration=batch.times_s[drawing.rows]),
-                ]
-                stream.send_columns(drawing.path, index, drawing.columns)
-        self._before = views.after(batch)
+        batch = batches.batch(self._scenario, self._shots, self._before)
+        for drawing in views.draw(batch):
+            index = [
+                rr.TimeColumn("tick", sequence=batch.ticks[drawing.rows]),
+                rr.TimeColumn("sim_time", duration=batch.times_s[drawing.rows]),
+            ]
+            stream.send_columns(drawing.path, index, drawing.columns)
+        self._before = batches.after(batch)
         self._shots = []
 
     def _check(self, stream: rr.RecordingStream) -> None:
@@ -148,9 +160,12 @@ def uri(port: int) -> str:
     return f"rerun+http://{HOST}:{port}/proxy"
 
 
-def native_command(uri: str) -> list[str]:
-    """Command of a viewer in a window of its own, listening on loopback only."""
-    return [str(viewer_binary()), "--bind", HOST, "--port", "auto", uri]
+def native_command(port: int, uri: str) -> list[str]:
+    """Command of a viewer in a window of its own, listening on loopback only.
+
+    Where one listens already, it shows that one what there is at the address.
+    """
+    return [str(viewer_binary()), "--bind", HOST, "--port", str(port), uri]
 
 
 def web_command(web_port: int, uri: str) -> list[str]:

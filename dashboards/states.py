@@ -33,6 +33,7 @@ LOST_BY_ITSELF: Mapping[EventKind, str] = {
 COLLIDED = "collided"
 DEAD = "dead"  # nobody said why
 SILENT = "silent"
+YIELDS = "yields"  # as long as it waits for another, and nothing is wrong with it
 MODES: tuple[str, ...] = get_args(Mode)
 
 _TROUBLE_OF = {
@@ -81,14 +82,16 @@ def words(scenario: Scenario, troubles: Troubles, record: TickRecord) -> tuple[s
         elif not robot.alive:
             found.append(troubles.lost.get(setup.name, DEAD))
         else:
-            mode = SILENT if robot.beacon is None else robot.beacon.mode
+            mode: str = SILENT if robot.beacon is None else robot.beacon.mode
             wrong = troubles.faults.get(setup.name)
-            found.append(
-                with_trouble(mode, min(wrong.values(), key=_RANK.__getitem__)) if wrong else mode
-            )
+            if wrong:
+                mode = joined(mode, min(wrong.values(), key=_RANK.__getitem__))
+            elif robot.beacon is not None and robot.beacon.yields_to is not None:
+                mode = joined(mode, YIELDS)
+            found.append(mode)
     return tuple(found)
 
 
-def with_trouble(mode: str, trouble: str) -> str:
-    """Word for a robot that goes on with something wrong."""
-    return f"{mode}, {trouble}"
+def joined(mode: str, more: str) -> str:
+    """Word for a robot that goes on with something wrong, or waits."""
+    return f"{mode}, {more}"

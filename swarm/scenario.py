@@ -217,7 +217,7 @@ class Steering(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     gap_margin_m: NotNegative = 0.12
     gap_margin_follower_m: NotNegative = 0.10
     gap_look_m: Positive = 2.0
-    gap_memory_weight: NotNegative = 0.35
+    gap_memory_weight: NotNegative = 0.7  # less: followers circle before a gap, undecided
     stall_progress_m: Positive = 0.15  # ROUND when the goal came no nearer than this
     stall_s: Positive = 4.0  # for this long
     round_distance_m: Positive = 0.65  # from robot centre to the wall that it follows

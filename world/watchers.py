@@ -93,10 +93,12 @@ class Watchers:
             self._say(f"{self._writer.path}: lost ticks {lost}")
 
     def has(self, record: TickRecord) -> None:
-        """Count a tick that an earlier segment holds."""
+        """Count a tick that an earlier segment holds, and show it."""
         self._last = record
         if self._writer is not None:
             self._writer.has(record)
+        if self._viewer is not None:
+            self._viewer.has(record)
 
     def save(self, checkpoint: bytes) -> None:
         """Keep a checkpoint, unless the ticks before it are not safe yet: then the one before."""

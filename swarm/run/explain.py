@@ -40,7 +40,7 @@ TERMS = {
     "repulsive": "pushed off obstacles",
     "rotating": "turned round obstacles",
     "robots": "pushed off other robots",
-    "resultant": "all of it: where it wants to go",
+    "resultant": "all of it, where it wants to",
 }
 
 
@@ -189,14 +189,12 @@ def _arcs(found: Why) -> Table:
 
 
 def _forces(forces: Sequence[Force]) -> Table:
-    table = _table("FORCE", "SIZE", "X", "Y", "WORLD ANGLE", "FROM ITS HEADING", "MEANING")
+    table = _table("FORCE", "SIZE", "ANGLE", "FROM ITS HEADING", "MEANING")
     for force in forces:
         there = force.size > 0.0
         table.add_row(
             force.term,
             f"{force.size:.3f}",
-            f"{force.x:.3f}",
-            f"{force.y:.3f}",
             f"{degrees(force.angle_rad):.1f} deg" if there else "",
             side(force.bearing_rad) if there else "",
             TERMS[force.term] if there else "none",
@@ -243,18 +241,14 @@ def _aside(bearing_rad: float) -> str:
 
 
 def _peers(heard: Sequence[Heard]) -> Table:
-    table = _table(
-        "PEER", "AGE", "", "MODE", "DISTANCE", "DIRECTION", "CLAIM", "PASSES", "YIELDS TO"
-    )
+    table = _table("PEER", "AGE, TICKS", "MODE", "DISTANCE", "DIRECTION", "PASSES", "YIELDS TO")
     for one in heard:
         table.add_row(
             one.name,
-            f"{one.age_ticks} tick{'' if one.age_ticks == 1 else 's'}",
-            f"{one.age_s:.2f} s",
+            f"{one.age_ticks} ({one.age_s:.2f} s)",
             one.mode,
             f"{one.distance_m:.2f} m",
             side(one.bearing_rad),
-            " ".join(map(str, one.claim)),
             "first" if one.passes_first else "after",
             one.yields_to or "",
         )
@@ -314,5 +308,5 @@ def _order(twist: Twist) -> str:
 def _table(*columns: str) -> Table:
     table = Table(box=None, pad_edge=True)
     for name in columns:
-        table.add_column(name, no_wrap=True)
+        table.add_column(name, no_wrap=name != columns[-1])
     return table

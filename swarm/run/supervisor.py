@@ -105,13 +105,14 @@ class _Supervisor:
         self._signals: list[int] = []
         self._problem: str | None = None
         self._overtime = False
+        self._viewer: Viewer | None = None
 
     def run(self) -> Ending:
         """See `supervise`."""
         previous = {
             number: signal.signal(number, self._heed) for number in (signal.SIGINT, signal.SIGTERM)
         }
-        bus, viewer = None, None
+        bus = None
         plan = self._plan
         try:
             bus = self._launch()
@@ -119,16 +120,16 @@ class _Supervisor:
                 card = runs.card_of(plan.run, plan.name, self._endpoint, plan.folder, plan.tls)
                 with runs.posted(card, plan.folder):
                     log = plan.folder / runs.LOGS / "viewer.log"
-                    viewer = Viewer(plan.view, self._ports, log, self._watcher.note)
-                    self._watcher.started(card, viewer.addresses)
+                    self._viewer = Viewer(plan.view, self._ports, log, self._watcher.note)
+                    self._watcher.started(card, self._viewer.addresses)
                     self._watch(bus)
         finally:
             self._end_all()
             for number, handler in previous.items():
                 signal.signal(number, handler)
             self._inbox.close()
-            if viewer is not None:
-                viewer.close()
+            if self._viewer is not None:
+                self._viewer.close()
             if bus is not None:
                 bus.close()
         return Ending(
@@ -278,6 +279,8 @@ class _Supervisor:
             token = ("robot", messages.token_name(name, life.incarnation))
             if not life.ready and (heard if name == WORLD else token in alive):
                 self._crew.tell(name, supervision.Ready())
+                if name == WORLD and life.incarnation and self._viewer is not None:
+                    self._viewer.world_is_back()
         return heard
 
     def _pids(self) -> dict[str, int]:

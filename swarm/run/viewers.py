@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
 from swarm import errors, lifetime, recording, runs
 from swarm.run.child import free_port
+
+if TYPE_CHECKING:
+    from dashboards import doorway
 
 View = Literal["none", "web", "native"]
 END_S = 1.0
@@ -43,6 +47,10 @@ class Viewer:
         """Start it; `addresses` are then those of all live pictures."""
         self._view = view
         self._process: subprocess.Popen[bytes] | None = None
+        self._command: list[str] = []
+        self._log = log
+        self._again: list[subprocess.Popen[bytes]] = []
+        self._doorway: doorway.Doorway | None = None
         self.addresses = (
             [] if ports.foxglove is None else [f"Foxglove: ws://127.0.0.1:{ports.foxglove}"]
         )
@@ -52,34 +60,54 @@ class Viewer:
 
         uri = live.uri(ports.rerun)
         if view == "native":
-            command, shown = live.native_command(uri), uri
+            command, shown = live.native_command(free_port(), uri), uri
         else:
+            from dashboards.doorway import Doorway
+
             web_port = free_port()
-            command, shown = live.web_command(web_port, uri), live.web_address(web_port, uri)
+            command = live.web_command(web_port, uri)
+            self._doorway = Doorway()
+            shown = self._doorway.address(web_port, ports.rerun)
+        self._command = command
         try:
-            with log.open("wb") as out:
-                self._process = subprocess.Popen(
-                    command,
-                    stdout=out,
-                    stderr=out,
-                    stdin=subprocess.DEVNULL,
-                    start_new_session=True,
-                )
+            self._process = self._start()
         except OSError as error:
             note(f"viewer: expected to start {command[0]}, got: {error.strerror}")
             return
         self.addresses.append(f"Rerun: {shown}")
 
+    def _start(self) -> subprocess.Popen[bytes]:
+        with self._log.open("ab") as out:
+            return subprocess.Popen(
+                self._command,
+                stdout=out,
+                stderr=out,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+
+    def world_is_back(self) -> None:
+        """Show a world that was started again to a native viewer; the page sees it by itself."""
+        if self._view == "native" and self._process is not None and self._process.poll() is None:
+            with contextlib.suppress(OSError):  # the run goes on, so the picture may stand still
+                self._again.append(self._start())
+
     def close(self) -> None:
         """End the server of the web viewer; a native one belongs to the person who looks at it."""
-        if self._process is None or self._view != "web":
-            return
-        self._process.terminate()
-        try:
-            self._process.wait(END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        if self._doorway is not None:
+            self._doorway.close()
+        for process in [*self._again, *([self._process] if self._view == "web" else [])]:
+            if process is not None:
+                _end(process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.terminate()
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 # --- finished runs ------------------------------------------------------------------------------

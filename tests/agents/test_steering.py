@@ -72,7 +72,8 @@ def slow_choice(
         return goal
     costs = [
         (
-            abs(wrap_angle(angle + yaw - goal)) + 0.35 * abs(wrap_angle(angle + yaw - last)),
+            abs(wrap_angle(angle + yaw - goal))
+            + STEERING.gap_memory_weight * abs(wrap_angle(angle + yaw - last)),
             angle,
         )
         for angle in angles

@@ -44,6 +44,12 @@ ROWS = {
     *("memory: real time", "memory: ticks"),
     *("telemetry: tick in memory", "telemetry: tick as processes"),
     *("telemetry: of it MCAP", "telemetry: of it Rerun"),
+    *(
+        f"watched: viewer {kind}, {what}"
+        for kind in ("stopped", "killed")
+        for what in ("cpu", "wall")
+    ),
+    "watched: memory of the world, more",
     *("world: moving", "world: sensing", "world: both"),
     *("launch: first tick", "launch: memory of a robot"),
 }

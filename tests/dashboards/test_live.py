@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import subprocess
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import psutil
 import pytest
 from rerun.chunk import RrdReader
 
-from dashboards import live
-from swarm.messages import TickRecord
+from dashboards import doorway, live
+from swarm.messages import Event, TickRecord
 from swarm.scenario import Scenario
 
 MakeTicks = Callable[..., tuple[TickRecord, ...]]
@@ -84,19 +88,51 @@ def test_file_brings_its_own_layout(
     assert len(reader.blueprints()) == 1
 
 
-def test_ticks_are_shown_at_once_when_they_are_slow(
+def test_a_world_that_goes_on_shows_the_run_from_its_beginning(
     made_ticks: MakeTicks, made_scenario: MakeScenario, tmp_path: Path
 ) -> None:
-    """One tick a second: each is a batch, and the file is asked for failures each time."""
+    """And knows faults that began before: robot2's link is bad from tick 2, the world died at 6."""
+    scenario, ticks, path = made_scenario(2), list(made_ticks(2, 12)), tmp_path / "run.1.rrd"
+    fault = Event(2, 0, "fault", "robot2", fault="loss", number=0)
+    ticks[2] = msgspec.structs.replace(ticks[2], events=(fault,))
+    viewer = live.Live(scenario, (), "run-1", path, None, now=lambda: 0.0)
+    for record in ticks[:6]:
+        viewer.has(record)
+    for record in ticks[6:]:
+        viewer.observe(record)
+    viewer.close()
+    seen: dict[str, list[int]] = {}
+    words: list[str] = []
+    for chunk in RrdReader(path).stream().to_chunks():
+        rows = chunk.to_record_batch()
+        if "tick" in rows.schema.names:
+            seen.setdefault(chunk.entity_path, []).extend(rows["tick"].to_pylist())
+        if chunk.entity_path == "/robots/robot2" and "tick" in rows.schema.names:
+            words += [word for row in rows["StateChange:state"].to_pylist() for word in row]
+    assert sorted(seen["/world/bodies"]) == list(range(12))
+    assert words[-1].endswith(", link fault")
+    assert sorted(seen["/events"])[0] == 0
+
+
+@pytest.mark.parametrize(("served", "grown"), [(True, [1, 2, 3, 4, 5]), (False, [1, 2, 4])])
+def test_ticks_are_shown_at_once_when_somebody_may_watch(
+    made_ticks: MakeTicks,
+    made_scenario: MakeScenario,
+    tmp_path: Path,
+    served: bool,
+    grown: list[int],
+) -> None:
+    """One tick a second; a file alone may lag by two. At first comes what does not change."""
     scenario, path = made_scenario(2), tmp_path / "run.rrd"
     clock = iter(range(100))
-    viewer = live.Live(scenario, (), "run-1", path, None, now=lambda: float(next(clock)))
-    sizes = []
+    port = free_port() if served else None
+    viewer = live.Live(scenario, (), "run-1", path, port, now=lambda: float(next(clock)))
+    sizes = [path.stat().st_size]
     for record in made_ticks(2, 5):
         viewer.observe(record)
         sizes.append(path.stat().st_size)
-    assert sizes == sorted(set(sizes))  # it grew at every tick
     viewer.close()
+    assert [second for second in range(1, 6) if sizes[second] > sizes[second - 1]] == grown
 
 
 def test_nothing_is_opened_when_nothing_is_asked_for(
@@ -161,7 +197,7 @@ def test_viewer_is_the_binary_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", [live.native_command(live.uri(9876)), live.web_command(9090, live.uri(9876))]
+    "command", [live.native_command(9999, live.uri(9876)), live.web_command(9090, live.uri(9876))]
 )
 def test_viewers_are_started_on_loopback(command: list[str]) -> None:
     assert command[0] == str(live.viewer_binary())
@@ -174,3 +210,18 @@ def test_web_address_carries_the_address_of_the_run() -> None:
         "http://127.0.0.1:9090/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9876%2Fproxy"
         "&hide_welcome_screen"
     )
+
+
+def test_doorway_serves_one_page_on_loopback_until_it_is_closed() -> None:
+    door = doorway.Doorway()
+    address = door.address(9090, 9876)
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?viewer=9090&world=9876", address)
+    with urllib.request.urlopen(address, timeout=10.0) as answer:
+        page = answer.read().decode()
+    assert "rerun+http://" in page
+    assert re.findall(r"https?://(?!127\.0\.0\.1:|\$\{world\})", page) == []  # works offline
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        urllib.request.urlopen(address.replace("/?", "/secret?"), timeout=10.0)
+    door.close()
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(address, timeout=10.0)

@@ -13,6 +13,7 @@ bare        N + 1 processes over Zenoh that only exchange bytes
 system      the product's own processes, with a meter inside
 barrier     the whole system over the bare one
 telemetry   recording on over off
+watched     a viewer that stalls or dies over none
 launch      seconds to the first tick, memory of a robot
 table       the figures for people
 navigation  how well robots find their way: a bench of its own, asked for by its name alone
@@ -46,13 +47,14 @@ class Benchmark(Protocol):
 
 def benchmarks() -> dict[str, Benchmark]:
     """All there are, in the order they run."""
-    from swarm.run.bench import barrier, cores, launch, telemetry
+    from swarm.run.bench import barrier, cores, launch, telemetry, watched
 
     return {
         "barrier": barrier.measure,
         "step": cores.step,
         "memory": cores.memory,
         "telemetry": telemetry.measure,
+        "watched": watched.measure,
         "world": cores.world,
         "launch": launch.measure,
     }
