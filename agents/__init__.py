@@ -11,6 +11,7 @@ health      sensors and motors that cannot be trusted
 msam        ranges -> sectors -> arcs (virtual circles)         eq. 17 to 21
 field       arcs, goal, peers -> forces                         eq. 22 to 38
 steering    force -> set-point; gap choice
+controllers one's own, each a file there
 rotation    ROUND: along the wall out of a trap, or FAILED
 seek        a goal of its own: GO, ROUND, ARRIVED
 formation   slot, way-point, bearing switch                     eq. 39 to 46

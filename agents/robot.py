@@ -19,6 +19,7 @@ from math import isfinite
 import msgspec
 
 from agents import (
+    controllers,
     election,
     follow,
     formation,
@@ -80,6 +81,7 @@ class State(msgspec.Struct, frozen=True):
     unheard_s: float = 0.0  # of a follower: its leader lives, but is out of earshot
     waiting: priority.State = priority.State()
     health: health.State = health.State()
+    own: object = None  # memory of a controller of one's own
     lateness: lateness.State = lateness.State()
 
 
@@ -119,6 +121,9 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     sane = is_sane(frame)
     state, others = hear(setup, state, frame, sane, elapsed_s)
     role = role_of(setup, state)
+    if frame.goal is not None and role != "follower":
+        errand = Mission(frame.goal)
+        state = msgspec.structs.replace(state, mission=errand, seeking=seek.State())
 
     # 2. Look: the map, without the bodies that are dealt with as peers.
     masked = [peer for peer in others if is_masked(setup, role, peer)]
@@ -365,10 +370,15 @@ def decide(
             elapsed_s=elapsed_s,
         )
         return replace(state, following=following, unheard_s=0.0), wish
-    if setup.robot.goal is None:
+    errand = state.mission or Mission(setup.robot.goal, setup.robot.via)
+    if errand.goal is None:
         return state, Wish(mode="HOLD")
+    if (own := controllers.of(setup.robot.controller)) is not None:
+        bound = mission.bound_for(setup, errand)
+        memory, wish = own(bound, state.own, frame, map, others)
+        return replace(state, own=memory), wish
     seeking, wish = seek.step(
-        setup,
+        mission.bound_for(setup, errand),
         state.seeking,
         frame.pose,
         map,

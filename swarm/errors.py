@@ -12,6 +12,9 @@ Every text says what was expected, what was found, where, and what to do about i
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 
 class SwarmError(Exception):
     """Root of the tree; `exit_code` is what the command line returns."""
@@ -39,3 +42,9 @@ class BusError(SwarmError):
 
 class RecordingError(SwarmError):
     """A recording is damaged, incomplete or not one of ours."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """End of a text about a word that is not known: the nearest that is, if one is near."""
+    near = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean '{near[0]}'?" if near else ""

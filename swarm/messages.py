@@ -28,6 +28,8 @@ from swarm.geometry import Finite, Pose, Ranges, Twist, Vec2
 Name = Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_-]{0,31}\Z")]
 RunId = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,95}\Z")]
 Tick = Annotated[int, msgspec.Meta(ge=0, le=2**40)]
+Coordinate = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
+Goal = tuple[Coordinate, Coordinate]  # x_m, y_m in the world, as a person gives it
 Stamp = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
 
 Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
@@ -194,6 +196,7 @@ class SensorFrame(msgspec.Struct, frozen=True, array_like=True):
         # NaN: nothing is known there, as in REP 117
     )
     beacons: tuple[Beacon, ...] = ()  # those audible, normally of the tick before
+    goal: Goal | None = None  # an order, from now on: go there instead
 
     def __post_init__(self) -> None:
         if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:
@@ -231,6 +234,7 @@ EventKind = Literal[
     "collision",
     "message-rejected",
     "recording",
+    "control",
     "end",
 ]
 
@@ -323,8 +327,12 @@ class ScenarioRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ControlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The command line asks something of the world."""
 
-    action: Literal["status", "stop", "fault"]
+    action: Literal["status", "stop", "fault", "pause", "resume", "step", "rate", "goal"]
     spec: Annotated[str, msgspec.Meta(max_length=2000)] = ""  # of the fault; without @ it is now
+    count: Annotated[int, msgspec.Meta(ge=1, le=10**9)] = 1  # ticks of `step`, then it pauses
+    rate: Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)] = 0.0  # x real time; 0: no limit
+    robot: str = ""  # of `goal`; `leader` is whoever leads
+    goal: Goal = (0.0, 0.0)
 
 
 ProcessAction = Literal["kill", "stop", "continue", "start", "inspect"]
@@ -377,6 +385,7 @@ class FrameRecord(msgspec.Struct, frozen=True, array_like=True):
     contact: bool
     ranges: Array
     heard: Array  # (beacons, 2) int32: row of the speaker, tick of its beacon
+    goal: Goal | None = None
 
     def __post_init__(self) -> None:
         if self.ranges.dtype != "<f4" or len(self.ranges.shape) != 1:

@@ -30,6 +30,7 @@ Point = tuple[Coordinate, Coordinate]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 ROBOTS_MAX = 500
+CONTROLLERS = ("extended", "paper")  # built in
 RESERVED_NAMES = frozenset(("world", "supervisor", "router", "run"))  # other processes' names
 
 T = TypeVar("T")
@@ -53,7 +54,8 @@ class RobotParameters(_Part, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     turn_acceleration_radps2_max: Annotated[float, Meta(gt=0.0, le=500.0)] = 12.0
     goal_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.1
     via_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.5
-    controller: Literal["extended", "paper"] = "extended"
+    # one of CONTROLLERS, or a file's name in agents/controllers
+    controller: Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,63}\Z")] = "extended"
     # kinematic: the wheels are ideal; dynamic: torques, masses and friction, eq. 8 to 16
     motion: Literal["kinematic", "dynamic"] = "kinematic"
     mass_kg: Annotated[float, Meta(ge=0.01, le=1e4)] = 12.0
@@ -697,23 +699,28 @@ def _convert(raw: Any, type_: type[T], where: str, inside: str = "") -> T:
         text, path = match["text"], (match["path"] or "$").removeprefix("$").lstrip(".")
         found = _found(raw, path)
         full = ".".join(part for part in (inside, path) if part) or "the whole file"
-        text = _expected(text[0].lower() + text[1:], type_, path, raw)
+        text, known = _expected(text[0].lower() + text[1:], type_, path, raw)
         got = "" if ", got" in text or found is None else f", got {found}"
-        raise errors.ScenarioError(f"{where}: {full}: {text}{got}") from error
+        word = text.rsplit(", got ", 1)[-1] if ", got" in text else found or ""
+        hint = errors.did_you_mean(word.strip("'"), known)
+        raise errors.ScenarioError(f"{where}: {full}: {text}{got}{hint}") from error
 
 
-def _expected(text: str, type_: Any, path: str, raw: Any) -> str:
-    """Text of msgspec's, with the known keys or values where it does not name them."""
+def _expected(text: str, type_: Any, path: str, raw: Any) -> tuple[str, list[str]]:
+    """Text of msgspec's, with the known keys or values where it does not name them; and those."""
+    known: list[str] = []
     if "unknown field" in text:
         name, known = text.split("`")[1], _known(type_, path, raw)
-        return f"expected one of the keys {', '.join(known)}, got '{name}'"
-    if "invalid enum value" in text:
-        return f"expected one of {', '.join(_known(type_, path, raw))}"
-    if _KIND.search(path) and "invalid value" in text:
-        return f"expected one of {', '.join(faults_.KINDS)}"
-    if "missing required field" in text:
-        return f"expected the key '{text.split('`')[1]}', got none"
-    return text
+        text = f"expected one of the keys {', '.join(known)}, got '{name}'"
+    elif "invalid enum value" in text:
+        known = _known(type_, path, raw)
+        text = f"expected one of {', '.join(known)}"
+    elif _KIND.search(path) and "invalid value" in text:
+        known = list(faults_.KINDS)
+        text = f"expected one of {', '.join(known)}"
+    elif "missing required field" in text:
+        text = f"expected the key '{text.split('`')[1]}', got none"
+    return text, known
 
 
 def _known(type_: Any, path: str, raw: Any) -> list[str]:

@@ -336,8 +336,8 @@ def _observe_errors(score: Score, robots: tuple[RobotRecord, ...]) -> None:
     """How far everybody is from where it should be, and who is there.
 
     A leader is measured by the goal it publishes, a follower by its slot; it is there when its
-    leader is too. Who neither leads nor follows is measured by a goal of its own. While the leader
-    it follows is dead there is nothing to measure it by.
+    leader is too. Who neither leads nor follows is measured by the goal it publishes, too, or by
+    that of the scenario. While the leader it follows is dead there is nothing to measure it by.
     """
     scenario = score.scenario
     followers: list[tuple[int, RobotRecord, int]] = []
@@ -350,7 +350,7 @@ def _observe_errors(score: Score, robots: tuple[RobotRecord, ...]) -> None:
         beacon, goal = robot.beacon, setup.goal
         claim = None if beacon is None else beacon.leadership
         leader = None if claim is None else score.rows.get(claim.name)
-        if beacon is not None and leader == row:
+        if beacon is not None and (leader == row or row not in score.members):
             goal = beacon.goal or goal
         slot = score.slots[row] if beacon is None else beacon.slot or score.slots[row]
         if leader is not None and leader != row and slot is not None:

@@ -33,6 +33,7 @@ SHELLS = {
     "world.attendance",
     "world.conductor",
     "world.desk",
+    "world.pace",
     "world.injector",
     "world.watchers",
     "dashboards.live",

@@ -9,6 +9,7 @@ faults       what is wrong on purpose: which faults are active, what they do to 
 sensors      lidars that fail
 radio        who hears whom, and what of it, how late
 simulation   the whole world, one tick: pure
+pace         when every tick is due: rate, pauses, steps
 pulse        how fast answers come in, for people who watch
 process      the shell: keeps the pace, moves the messages, records
 """

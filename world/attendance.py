@@ -97,7 +97,7 @@ class Attendance:
         ]
 
     def open(self, *, stopping: bool) -> None:
-        """Begin with those that are there; the others are missing, or gone; not when stopping."""
+        """Begin with those that are there; the others are missing or gone, unless it is to stop."""
         run = self._run
         absent = self.absent()
         for name in absent if not stopping else ():

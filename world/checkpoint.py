@@ -12,12 +12,19 @@ import msgspec
 
 from swarm import errors
 from swarm.faults import Fault
-from swarm.messages import Event
+from swarm.messages import Event, Goal
 from world.roster import Member
 from world.simulation import WorldState
 
 FILE_NAME = "checkpoint.msgpack"
 BYTES_MAX = 256 << 20
+
+
+class Order(msgspec.Struct, frozen=True, array_like=True):
+    """A new goal on its way to a robot."""
+
+    goal: Goal
+    sent_tick: int = -1  # of the first frame that had it; -1: none yet
 
 
 class Checkpoint(msgspec.Struct, frozen=True, kw_only=True):
@@ -31,6 +38,7 @@ class Checkpoint(msgspec.Struct, frozen=True, kw_only=True):
     events: tuple[Event, ...]  # of this tick, not recorded yet
     commands_total: int
     wall_time_s: float
+    goals: dict[str, Order] = {}
 
 
 _encoder = msgspec.msgpack.Encoder()

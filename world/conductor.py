@@ -23,10 +23,10 @@ from world.attendance import Attendance
 from world.checkpoint import Checkpoint
 from world.desk import Desk
 from world.injector import Injector
+from world.pace import SLEEP_S_MAX, Pace
 from world.situation import Situation
 
 BARRIER_POLL_S = 0.1  # how often a waiting world looks at the clock
-SLEEP_S_MAX = 0.02  # how late a sleeping world notices that it should stop, or who is gone
 STOPPING_S = 1.0  # a tick is given up when it does not end so long after a request to stop
 INSPECT_S = 1.0  # between two questions about a process that does not become ready
 CHECKPOINT_S = 0.9  # simulated, at most, between two checkpoints
@@ -136,6 +136,14 @@ class _Conductor:
             disk_full=self._set_disk_full,
         )
         self._score = metrics.begin(scenario)
+        self._pace = Pace(
+            scenario,
+            stop,
+            now=now,
+            sleep=sleep,
+            attend=self._attend,
+            say=lambda text: self._run.event("control", None, text),
+        )
         self._desk = Desk(
             bus,
             self._run,
@@ -143,13 +151,10 @@ class _Conductor:
             self._score,
             on_status=on_status,
             now=now,
-            wall_s=self._wall_s,
+            pace=self._pace,
         )
         self._reported: dict[str, int] = {}
         self._arrived: list[Command] = []  # in this tick, in order of arrival
-        self._started_s = 0.0  # when tick 0 was due
-        self._began_s: float | None = None  # when this world's first tick was
-        self._wall_before_s = 0.0  # of the worlds before this one
         self._ready_until_s: dict[str, float] = {}
         self._saved_tick = -1
         self._checkpoint_ticks = max(1, int(CHECKPOINT_S / scenario.dt_s))
@@ -162,24 +167,26 @@ class _Conductor:
             self._score = desk.score = resumed.score
             if resumed.checkpoint is not None:
                 run.resume(resumed.checkpoint)
-                self._wall_before_s = resumed.checkpoint.wall_time_s
+                self._pace.wall_before_s = resumed.checkpoint.wall_time_s
         bus.subscribe(COMMAND)
         desk.open()
         bus.announce("world", "world")
         self._gather(resumed)
         desk.phase = "running"
-        self._began_s = self._now()
-        self._started_s = self._began_s - run.tick * self._tick_s()
+        self._pace.begin(run.tick)
         struck = resumed is not None and resumed.checkpoint is not None  # made behind the faults
         ended = None
         while ended is None:
+            self._pace.hold(run.tick)
             self._report_rejected()
             desk.take_faults()
-            changed = False if struck else self._injector.strike()
+            changed = desk.take_goals()
+            if not struck:
+                changed |= self._injector.strike()
             struck = False
             if changed or run.tick >= self._saved_tick + self._checkpoint_ticks:
                 self._save()
-            frames = desk.frames = simulation.sense(run.world, run.state)
+            frames = desk.frames = simulation.sense(run.world, run.state, run.orders())
             for frame in frames:
                 bus.publish(FRAME, frame, frame.robot)
                 run.change(frame.robot, sent_tick=frame.tick)
@@ -199,7 +206,7 @@ class _Conductor:
         return Conduct(
             score=self._score,
             ended=ended,
-            wall_time_s=self._wall_s(),
+            wall_time_s=self._pace.wall_s(),
             late_commands=sum(member.late_commands for member in run.members.values()),
             commands_total=run.commands_total,
             rejected_messages=sum(bus.rejected().values()),
@@ -268,7 +275,7 @@ class _Conductor:
         """Make a checkpoint of this moment, between faults and frames."""
         if self._keeper is not None:
             self._saved_tick = self._run.tick
-            self._keeper.save(self._run.checkpoint(self._bus.run, self._wall_s()))
+            self._keeper.save(self._run.checkpoint(self._bus.run, self._pace.wall_s()))
 
     def _set_disk_full(self, full: bool) -> None:
         if self._keeper is not None:
@@ -281,9 +288,9 @@ class _Conductor:
         self._arrived = []
         if self._lockstep:
             self._barrier(frames)
-            self._sleep_until_tick(self._run.tick + 1)
+            self._pace.wait(self._run.tick + 1)
         else:
-            self._sleep_until_tick(self._run.tick + 1)
+            self._pace.wait(self._run.tick + 1)
             self._pause_while_alone()
             while self._receive(0.0):
                 pass
@@ -385,21 +392,11 @@ class _Conductor:
 
     # --- pace ---
 
-    def _tick_s(self) -> float:
-        """Wall time of a tick, 0: as fast as it goes."""
-        rate = self._scenario.clock.rate
-        if rate == 0.0:
-            return 0.0 if self._lockstep else self._scenario.dt_s
-        return self._scenario.dt_s / rate
-
-    def _sleep_until_tick(self, tick: int) -> None:
-        tick_s = self._tick_s()
-        if tick_s > 0.0:
-            due_s = self._started_s + tick * tick_s
-            while self._stop.reason is None and (left_s := due_s - self._now()) > 0.0:
-                self._sleep(min(left_s, SLEEP_S_MAX))
-                self._attendance.beat()
-                self._attendance.notice_losses()
+    def _attend(self) -> None:
+        """What must not wait while this process sleeps."""
+        self._attendance.beat()
+        self._attendance.notice_losses()
+        self._desk.publish()
 
     def _pause_while_alone(self) -> None:
         """Wait while the supervisor is stopped; when it is dead the kernel asks us to stop."""
@@ -412,13 +409,4 @@ class _Conductor:
             self._sleep(SLEEP_S_MAX)
             self._attendance.beat()
             self._attendance.be_patient()  # perhaps our own link was down
-        pause_s = self._now() - paused_s  # is no lost time
-        self._started_s += pause_s
-        if self._began_s is not None:
-            self._began_s += pause_s
-
-    def _wall_s(self) -> float:
-        """Wall time of the ticks so far, of this world and of those before it."""
-        if self._began_s is None:
-            return self._wall_before_s
-        return self._wall_before_s + self._now() - self._began_s
+        self._pace.forget(self._now() - paused_s)

@@ -19,12 +19,14 @@ from swarm.faults import Fault
 from swarm.messages import (
     STATUS,
     ControlRequest,
+    Goal,
     Reply,
     RobotStatus,
     ScenarioRequest,
     SensorFrame,
     Status,
 )
+from world.pace import Pace
 from world.pulse import Pulse
 from world.situation import Situation
 
@@ -45,9 +47,9 @@ class Desk:
         *,
         on_status: Callable[[Status], None],
         now: Callable[[], float],
-        wall_s: Callable[[], float],
+        pace: Pace,
     ) -> None:
-        """`wall_s` tells how long the run has lasted; `on_status` hears all that is published."""
+        """`on_status` hears all that is published."""
         self.phase: Phase = "starting"
         self.score = score
         self._bus = bus
@@ -55,10 +57,11 @@ class Desk:
         self._stop = stop
         self._on_status = on_status
         self._now = now
-        self._wall_s = wall_s
+        self._pace = pace
         self.frames: Sequence[SensorFrame] = ()  # of this tick
         self.pulse = Pulse()
         self._asked: deque[Fault] = deque()
+        self._goals: deque[tuple[str, Goal]] = deque()
         self._due_s = 0.0
 
     def open(self) -> None:
@@ -70,6 +73,14 @@ class Desk:
         """Add the faults that people have asked for to those of the run."""
         while self._asked:
             self._run.faults.append(self._asked.popleft())
+
+    def take_goals(self) -> bool:
+        """Pass on the goals that people have asked for; whether there were any."""
+        taken = False
+        while self._goals:
+            self._run.order(*self._goals.popleft())
+            taken = True
+        return taken
 
     def publish(self) -> None:
         """Tell the status, if it is time to."""
@@ -98,12 +109,35 @@ class Desk:
         text = ""
         if request.action == "stop":
             self._stop.request("stopped by request")
+        elif request.action in ("pause", "resume", "step", "rate"):
+            self._pace.order(request)
         elif request.action == "fault":
             try:
                 text = self._accept(request.spec)
             except errors.ScenarioError as error:
                 return Reply(False, str(error))
+        elif request.action == "goal":
+            name = self._run.leader() if request.robot == "leader" else request.robot
+            if (problem := self._against(name or request.robot)) is not None:
+                return Reply(False, problem)
+            self._goals.append((name or request.robot, request.goal))
+            text = f"{name} goes to ({request.goal[0]:g}, {request.goal[1]:g})"
         return Reply(True, text, messages.encode(self._status()))
+
+    def _against(self, name: str) -> str | None:
+        """Why a robot cannot be given a goal, None when it can."""
+        run = self._run
+        member = run.members.get(name)
+        if member is None:
+            hint = errors.did_you_mean(name, run.members)
+            return f"expected one of {', '.join(run.members)}, got '{name}'{hint}"
+        if not member.is_present and not member.is_expected:
+            return f"{name}: expected a robot that is there, got one that is {member.state}"
+        row, leader = run.world.rows[name], run.leader()
+        follows = run.scenario.slots()[row] is not None and name != leader
+        if follows and leader is not None:
+            return f"{name} follows: give the goal to its leader, {leader}"
+        return None
 
     def _accept(self, spec: str) -> str:
         """Take a fault that is asked for while the run goes on; raises ScenarioError."""
@@ -121,7 +155,7 @@ class Desk:
 
     def _status(self) -> Status:
         run, scenario = self._run, self._run.scenario
-        wall_s, now_s, pulse = self._wall_s(), self._now(), self.pulse
+        wall_s, now_s, pulse = self._pace.wall_s(), self._now(), self.pulse
         heard = {frame.robot: len(frame.beacons) for frame in self.frames}
         rows = []
         for body, (name, member) in zip(run.state.bodies, run.members.items(), strict=True):
@@ -145,17 +179,18 @@ class Desk:
                     unanswered=max(0, member.sent_tick - member.answered_tick),
                 )
             )
+        paused = self.phase == "running" and self._pace.is_paused
         return Status(
             run=self._bus.run,
             scenario=scenario.title,
             tick=run.tick,
             stamp_ns=scenario.stamp_ns(run.tick),
             clock=scenario.clock.mode,
-            state=self.phase,
+            state="paused" if paused else self.phase,
             duration_s=scenario.duration_s,
             real_time_factor=run.tick * scenario.dt_s / wall_s if wall_s > 0.0 else 0.0,
             robots=tuple(rows),
             rejected_messages=sum(self._bus.rejected().values()),
-            rate=scenario.clock.rate,
+            rate=self._pace.rate,
             real_time_factor_now=pulse.ticks_per_s * scenario.dt_s,
         )

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from swarm.faults import ActuatorStuck, DiskFull, Fault, SensorStuck
-from swarm.geometry import STILL, Floats, Pose, Ranges, Twist, length, wrap_angle
+from swarm.geometry import STILL, Floats, Pose, Ranges, Twist, Vec2, length, wrap_angle
 from swarm.messages import (
     Array,
     Beacon,
@@ -262,8 +262,10 @@ def hold_back(
     return msgspec.structs.replace(state, held=tuple(held)), tuple(due)
 
 
-def sense(world: World, state: WorldState) -> tuple[SensorFrame, ...]:
-    """What each live robot senses and hears, in scenario order.
+def sense(
+    world: World, state: WorldState, goals: Mapping[str, Vec2] | None = None
+) -> tuple[SensorFrame, ...]:
+    """What each live robot senses and hears, in scenario order; to some of them orders, by name.
 
     It hears the newest beacon of every live robot within radio range: in lock-step that of the
     tick before. Faults of lidars and links have their say.
@@ -288,6 +290,7 @@ def sense(world: World, state: WorldState) -> tuple[SensorFrame, ...]:
             contact=bodies[row].contact,
             ranges=Array("<f4", (beams,), scans[number * size : (number + 1) * size]),
             beacons=heard[number],
+            goal=goals.get(scenario.robots[row].name) if goals else None,
         )
         for number, row in enumerate(live)
     )
@@ -351,6 +354,7 @@ def frame_of(
         contact=frame.contact,
         ranges=frame.ranges,
         beacons=tuple(beacons[row, heard] for row, heard in frame.heard.numpy().tolist()),
+        goal=frame.goal,
     )
 
 
@@ -471,4 +475,5 @@ def _frame_record(world: World, frame: SensorFrame) -> FrameRecord:
         frame.contact,
         frame.ranges,
         Array("<i4", (len(frame.beacons), 2), struct.pack(f"<{len(heard)}i", *heard)),
+        frame.goal,
     )

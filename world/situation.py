@@ -11,10 +11,10 @@ import msgspec
 
 from swarm import faults, messages
 from swarm.faults import Fault
-from swarm.messages import Event, EventKind, RobotState
+from swarm.messages import Event, EventKind, Goal, RobotState
 from swarm.scenario import Scenario
 from world import checkpoint, roster, simulation
-from world.checkpoint import Checkpoint
+from world.checkpoint import Checkpoint, Order
 from world.roster import Member
 
 
@@ -31,6 +31,7 @@ class Situation:
         self.struck: set[int] = set()  # numbers of the faults that are done, or at work
         self.events: list[Event] = []  # of this tick
         self.commands_total = 0
+        self.goals: dict[str, Order] = {}  # on their way, by name
         self._tell = tell
 
     @property
@@ -46,6 +47,7 @@ class Situation:
         self.struck = set(kept.struck)
         self.events = list(kept.events)
         self.commands_total = kept.commands_total
+        self.goals = dict(kept.goals)
 
     def checkpoint(self, run: str, wall_time_s: float) -> bytes:
         """All of it, as bytes."""
@@ -59,6 +61,7 @@ class Situation:
                 events=tuple(self.events),
                 commands_total=self.commands_total,
                 wall_time_s=wall_time_s,
+                goals=self.goals,
             )
         )
 
@@ -107,6 +110,24 @@ class Situation:
     def change(self, name: str, **changes: int | str | None) -> None:
         """Replace fields of a member."""
         self.members[name] = msgspec.structs.replace(self.members[name], **changes)
+
+    def order(self, name: str, goal: Goal) -> None:
+        """From its next frame on a robot is to go somewhere else."""
+        self.goals[name] = Order(goal)
+        self.event("control", name, f"goal ({goal[0]:g}, {goal[1]:g})")
+
+    def orders(self) -> dict[str, Goal]:
+        """Goals to send in this tick: in real time a frame may be missed, so until one is answered.
+
+        Those for robots that are away wait for them.
+        """
+        for name, order in list(self.goals.items()):
+            member = self.members[name]
+            if 0 <= order.sent_tick <= member.answered_tick:
+                del self.goals[name]
+            elif order.sent_tick < 0 and member.is_present:
+                self.goals[name] = Order(order.goal, self.tick)
+        return {name: order.goal for name, order in self.goals.items()}
 
     def leader(self) -> str | None:
         """Who holds the highest leadership among the newest beacons; at first the scenario's."""

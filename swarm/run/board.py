@@ -13,7 +13,7 @@ from rich.text import Text
 
 from swarm.messages import Status
 from swarm.run import columns
-from swarm.run.census import SUPERVISOR, WORLD, Row
+from swarm.run.census import SUPERVISOR, WORLD, Row, left_s, notable
 from swarm.run.columns import Column
 
 COLUMNS = (
@@ -63,14 +63,20 @@ def board(
     Args:
         names: style of each robot's name.
         width: letters, height: lines of the terminal; None: as much as it takes.
-        note: instead of the second line.
+        note: instead of the second line, which tells who leads and who is not well.
     """
     shown = fitting(rows, None if height is None else height - HEAD_LINES)
     cells = [_cells(row, names) for row in shown]
     if len(shown) < len(rows):
         cells.append([Text(f"... {len(rows) - len(shown)} more"), *[Text()] * (len(COLUMNS) - 1)])
     table = columns.table(COLUMNS, cells, width)
-    return Group(Text(headline(status), no_wrap=True, overflow="ellipsis"), Text(note), table)
+    second = note or ("" if status is None else notable(status))
+    return Group(one_line(headline(status)), one_line(second), table)
+
+
+def one_line(text: str, style: str = "") -> Text:
+    """Cut where the terminal ends."""
+    return Text(text, style=style, no_wrap=True, overflow="ellipsis")
 
 
 def fitting(rows: Sequence[Row], count: int | None) -> Sequence[Row]:
@@ -91,11 +97,13 @@ def headline(status: Status | None) -> str:
     """One line about the run as a whole."""
     if status is None:
         return "the world has not said anything yet"
-    pace = "as fast as it goes" if status.rate == 0.0 else f"asked for {status.rate:g}"
+    left = left_s(status)
     return (
-        f"{status.scenario}: {status.state} at {status.stamp_ns / 1e9:.1f} s "
-        f"(tick {status.tick}) of at most {status.duration_s:g} s, "
-        f"{status.real_time_factor_now:.1f} x real time, {pace}"
+        f"{status.state} at {status.stamp_ns / 1e9:.1f} s of at most {status.duration_s:g} s, "
+        f"{status.real_time_factor_now:.1f} x real time"
+        + (f" of {status.rate:g}" if status.rate else "")
+        + ("" if left is None else f", at most {age(left)} left")
+        + f": {status.scenario}"
     )
 
 

@@ -137,6 +137,37 @@ def _with_status(row: Row, status: RobotStatus | None) -> Row:
     )
 
 
+def left_s(status: Status) -> float | None:
+    """Wall time that is left at most, at the pace of the last moment; None: nobody can say.
+
+    Nobody knows when the last robot arrives: what is known is when the run times out.
+    """
+    pace = status.real_time_factor_now or status.real_time_factor
+    if status.state != "running" or pace <= 0.0:
+        return None
+    return max(0.0, status.duration_s - status.stamp_ns / 1e9) / pace
+
+
+def notable(status: Status) -> str:
+    """Who leads, who is not well, who lets whom pass: one line, empty when there is nothing."""
+    robots = status.robots
+    # every group has its own leader; one that is not there cannot lead
+    leading = [one.name for one in robots if one.leader == one.name and one.state == "running"]
+    parts = [f"leads: {', '.join(leading)}"] if leading else []
+    for state in dict.fromkeys(one.state for one in robots):
+        if state not in ("running", "starting"):
+            names = [one.name for one in robots if one.state == state]
+            parts.append(f"{state}: {', '.join(names)}")
+    for word in ("slow", "silent"):
+        if names := [one.name for one in robots if health(one) == word]:
+            parts.append(f"{word}: {', '.join(names)}")
+    failed = [f"{one.name} ({one.reason})" for one in robots if one.mode == "FAILED"]
+    parts += [f"failed: {', '.join(failed)}"] if failed else []
+    yielding = [f"{one.name} to {one.yields_to}" for one in robots if one.yields_to]
+    parts += [f"yields: {', '.join(yielding)}"] if yielding else []
+    return "; ".join(parts)
+
+
 def health(status: RobotStatus) -> Health:
     """How a robot answers, from the age of its newest command while it owes one."""
     if status.state not in ("running", "collided"):

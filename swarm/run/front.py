@@ -14,21 +14,26 @@ from rich.text import Text
 
 from swarm import metrics, runs
 from swarm.messages import Event, RobotStatus, Status
+from swarm.run import board, census, columns
+from swarm.run.columns import Column
 from swarm.run.supervisor import Watcher
 
 PLAIN_PERIOD_S = 2.0  # wall, between lines where there is no terminal
+PIPE_WIDTH = 1000
 QUIET_EVENTS = ("start", "end")
 
-STYLES = {
-    "running": "green",
-    "starting": "dim",
-    "collided": "bold red",
-    "killed": "red",
-    "lost": "red",
-    "missing": "red",
-    "hung": "yellow",
-    "restarting": "yellow",
-}
+COLUMNS = (  # narrow terminals lose ARRIVED first, then ERROR, LEADER, RESTARTS, MODE
+    Column("NAME"),
+    Column("STATE"),
+    Column("RESTARTS", 2, right=True),
+    Column("MODE", 1),
+    Column("LEADER", 3),
+    Column("ERROR", 4, right=True),
+    Column("ARRIVED", 5),
+)
+BAR_WIDTH_MAX = 60
+ROWS_MAX = 30
+CHROME_LINES = 6  # title, progress, bar, who, titles, and a line below
 
 
 class Progress(Watcher):
@@ -51,15 +56,11 @@ class Progress(Watcher):
     def status(self, status: Status) -> None:
         """Redraw, or a line now and then."""
         if self._live is not None:
-            self._live.update(_table(status))
+            width, height = self._console.size
+            self._live.update(_table(status, width, max(1, height - CHROME_LINES)))
         elif time.monotonic() >= self._line_due_s:
             self._line_due_s = time.monotonic() + PLAIN_PERIOD_S
-            running = sum(row.state in ("running", "starting") for row in status.robots)
-            arrived = sum(row.arrived for row in status.robots)
-            self.note(
-                f"{status.state} {_sim_time_s(status):6.1f} s of at most {status.duration_s:g} s, "
-                f"{status.real_time_factor:.1f} x real time, {running} running, {arrived} arrived"
-            )
+            self.note("; ".join(filter(None, (progress(status), census.notable(status)))))
 
     def event(self, event: Event) -> None:
         """Say what happened, except what is plain to see."""
@@ -78,34 +79,49 @@ class Progress(Watcher):
             self._live = None
 
 
-def _sim_time_s(status: Status) -> float:
-    return status.stamp_ns / 1e9
-
-
-def _table(status: Status) -> Group:
-    table = Table(box=None, pad_edge=False)
-    for name in ("NAME", "STATE", "RESTARTS", "MODE", "LEADER", "ERROR", "ARRIVED"):
-        table.add_column(name, justify="right" if name in ("RESTARTS", "ERROR") else "left")
-    shown = status.robots[:30]
-    for row in shown:
-        table.add_row(*_cells(row))
-    if len(status.robots) > len(shown):
-        table.add_row(f"... {len(status.robots) - len(shown)} more")
-    time_s = _sim_time_s(status)
-    head = Text(
-        f"{status.scenario}: {time_s:.1f} s of at most {status.duration_s:g} s, "
-        f"{status.real_time_factor:.1f} x real time"
+def progress(status: Status) -> str:
+    """How far a run is, and how long it takes at most from here, in one line."""
+    time_s, left_s = status.stamp_ns / 1e9, census.left_s(status)
+    running = sum(row.state in ("running", "starting") for row in status.robots)
+    arrived = sum(row.arrived for row in status.robots)
+    return (
+        f"{status.state} {time_s:.1f} s of at most {status.duration_s:g} s, "
+        f"{status.real_time_factor_now:.1f} x real time, "
+        + ("" if left_s is None else f"at most {board.age(left_s)} left, ")
+        + f"{running} running, {arrived} arrived"
     )
+
+
+def _table(status: Status, width: int | None, rows_max: int) -> Group:
+    robots = status.robots
+    if len(robots) > rows_max:  # those in trouble are worth the room
+        wanted = sorted(range(len(robots)), key=lambda row: (robots[row].state == "running", row))
+        robots = tuple(robots[row] for row in sorted(wanted[: max(1, rows_max - 1)]))
+    cells = [_cells(row) for row in robots]
+    if len(robots) < len(status.robots):
+        more = Text(f"... {len(status.robots) - len(robots)} more")
+        cells.append((more, *[Text()] * (len(COLUMNS) - 1)))
     bar = Table.grid()  # a bare bar would not end its line
-    bar.add_row(ProgressBar(total=status.duration_s, completed=time_s, width=60))
-    return Group(head, bar, table)
+    bar_width = min(BAR_WIDTH_MAX, width or BAR_WIDTH_MAX)
+    bar.add_row(
+        ProgressBar(
+            total=status.duration_s, completed=status.stamp_ns / 1e9, width=bar_width, pulse=False
+        )
+    )
+    return Group(
+        board.one_line(status.scenario, "bold"),
+        board.one_line(progress(status)),
+        bar,
+        board.one_line(census.notable(status)),
+        columns.table(COLUMNS, cells, width),
+    )
 
 
 def _cells(row: RobotStatus) -> tuple[Text, ...]:
     error = "" if row.error_m is None else f"{row.error_m:.3f} m"
     return (
         Text(row.name),
-        Text(row.state, style=STYLES.get(row.state, "")),
+        Text(row.state, style=board.STYLES.get(row.state, "")),
         Text(str(row.restarts) if row.restarts else ""),
         Text(f"{row.mode}: {row.reason}" if row.reason else row.mode),
         Text(row.leader),
@@ -116,7 +132,11 @@ def _cells(row: RobotStatus) -> tuple[Text, ...]:
 
 def show_status(status: Status) -> None:
     """The table of `swarm status`."""
-    Console().print(_table(status))
+    console = Console()
+    if console.is_terminal:
+        console.print(_table(status, console.width, ROWS_MAX))
+    else:  # a pipe gets whole lines
+        Console(width=PIPE_WIDTH).print(_table(status, None, len(status.robots)))
 
 
 def show_summary(summary: metrics.Summary, folder: str) -> None:

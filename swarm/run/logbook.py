@@ -5,7 +5,6 @@ logs/*.log --Tail--> entries --by time--> lines on standard output
 
 from __future__ import annotations
 
-import difflib
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -35,13 +34,15 @@ def show(
 
     Raises UsageError for a name that has no log.
     """
+    card = _card(folder)
     tails: dict[Path, Tail] = {}
     console = Console()
     if not console.is_terminal:
         console = Console(width=1 << 16)  # a pipe gets whole lines
     width = 0
     while True:
-        runs_on = follow and is_running(folder)  # before the look: nothing is missed at the end
+        # asked before the look, of the process: robots still write when the card is gone
+        runs_on = follow and card is not None and runs.is_alive(card)
         paths = sorted((folder / runs.LOGS).glob("*.log"))
         known = [path.stem for path in paths]
         if not runs_on:
@@ -63,20 +64,18 @@ def show(
         time.sleep(LOOK_S)
 
 
-def is_running(folder: Path) -> bool:
-    """Whether the run in a folder still goes on."""
+def _card(folder: Path) -> runs.Card | None:
+    """Card of the run in a folder, None when it is over."""
     try:
-        card = msgspec.json.decode((folder / runs.CARD).read_bytes(), type=runs.Card)
+        return msgspec.json.decode((folder / runs.CARD).read_bytes(), type=runs.Card)
     except (OSError, msgspec.DecodeError):
-        return False
-    return runs.is_alive(card)
+        return None
 
 
 def _check(names: Sequence[str], known: Sequence[str]) -> None:
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
+            hint = errors.did_you_mean(name, known)
             raise errors.UsageError(f"expected one of {', '.join(known)}, got '{name}'{hint}")
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+import setproctitle
 
 from swarm.run import cli
 
@@ -48,6 +49,7 @@ def here(
 ) -> subprocess.CompletedProcess[str]:
     """The same command line within this process: for what ends before anything is started."""
     monkeypatch.chdir(folder)
+    monkeypatch.setattr(setproctitle, "setproctitle", lambda title: None)  # we are no swarm
     monkeypatch.setattr(sys, "argv", ["swarm", *line.split()])
     with pytest.raises(SystemExit) as ended:
         cli.main()

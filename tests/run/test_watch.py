@@ -96,7 +96,7 @@ def drawn(width: int, height: int | None = None, count: int = 3) -> list[str]:
 
 def test_board_has_every_column_where_there_is_room() -> None:
     lines = drawn(120)
-    assert lines[0].startswith("Gap: running at 0.8 s (tick 10) of at most 60 s")
+    assert lines[0].startswith("running at 0.8 s of at most 60 s, 0.0 x real time")
     assert lines[2].split() == [column.title for column in board.COLUMNS]
     assert lines[5].split() == ["robot1", "100", "running", "ok", "1m15s", "3%", "11M", "12.5", "5"]
 
@@ -116,12 +116,13 @@ def test_those_in_trouble_are_shown_when_not_all_fit() -> None:
     assert "... 16 more" in lines[-1]
 
 
-def test_top_shows_every_process_once_where_there_is_no_terminal(folder: Path) -> None:
-    run = processes.start(folder, "run", "empty", "--robots", "3", "--rate", "1", "--out", "one")
+def test_top_shows_every_process_once_where_there_is_no_terminal(here: Here, folder: Path) -> None:
+    line = ("run", "empty", "--robots", "3", "--duration", "300", "--rate", "1", "--out", "one")
+    run = processes.start(folder, *line)
     processes.until(lambda: len(processes.named(folder, "swarm-robot")) == 3, 30.0, "3 robots")
 
     def found() -> dict[str, Any]:
-        done = processes.swarm(folder, "top", "--json", "--run", "one")
+        done = here("top --json --run one")
         rows = json.loads(done.stdout)["processes"] if done.returncode == 0 else []
         return {row["name"]: row for row in rows}
 
@@ -133,16 +134,18 @@ def test_top_shows_every_process_once_where_there_is_no_terminal(folder: Path) -
     assert by_name["robot1"]["health"] == "ok"
     assert by_name["robot1"]["commands_per_s"] > 0.0
     assert all(row["memory_bytes"] > 1 << 20 for row in by_name.values())
-    text = processes.swarm(folder, "top", "--run", "one").stdout
+    text = here("top --run one").stdout
     assert text.splitlines()[2].split() == [column.title for column in board.COLUMNS]
     assert "\x1b" not in text
     run.send_signal(signal.SIGINT)
     run.communicate()
 
 
-def test_top_follows_in_a_terminal_until_q(folder: Path) -> None:
-    run = processes.start(folder, "run", "empty", "--robots", "2", "--rate", "1", "--out", "one")
+def test_top_follows_in_a_terminal_until_q(here: Here, folder: Path) -> None:
+    line = ("run", "empty", "--robots", "2", "--duration", "300", "--rate", "1", "--out", "one")
+    run = processes.start(folder, *line)
     processes.until(lambda: (folder / "one" / "run.json").exists(), 30.0, "a run")
+    processes.until(lambda: here("status --run one").returncode == 0, 30.0, "a world that answers")
     ours, theirs = pty.openpty()
     top = subprocess.Popen(
         [*processes.SWARM, "top", "--run", "one"],
@@ -157,7 +160,10 @@ def test_top_follows_in_a_terminal_until_q(folder: Path) -> None:
     deadline_s = time.monotonic() + 30.0
     while b"robot2" not in seen:
         assert time.monotonic() < deadline_s
-        seen += os.read(ours, 4096)
+        try:
+            seen += os.read(ours, 4096)
+        except OSError:  # it has ended
+            pytest.fail(seen.decode())
     os.write(ours, b"q")
     os.set_blocking(ours, False)
     assert top.wait(10.0) == 0

@@ -24,7 +24,6 @@ with them Rerun and Rich, only when they are asked for.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from typing import Protocol
 
@@ -68,8 +67,7 @@ def run(names: list[str], *, tiny: bool, progress: Progress) -> Found:
     known = benchmarks()
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, [*known, NAVIGATION], n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
+            hint = errors.did_you_mean(name, [*known, NAVIGATION])
             raise errors.UsageError(
                 f"bench: expected some of {', '.join(known)}, or {NAVIGATION} alone, "
                 f"got '{name}'{hint}"

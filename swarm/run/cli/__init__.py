@@ -3,6 +3,7 @@
     running     run, scenarios, validate           options   what verbs share
     live        status, stop, kill, restart, fault
     watch       top, logs
+    steer       pause, resume, step, rate, goal
     recordings  verify, replay, diff, why
     results     report, export
     hand        world, robot, version
@@ -16,6 +17,7 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 import os
 import sys
@@ -25,7 +27,18 @@ import typer
 
 from swarm import errors
 from swarm.run import front
-from swarm.run.cli import breaking, hand, live, measure, own, recordings, results, running, watch
+from swarm.run.cli import (
+    breaking,
+    hand,
+    live,
+    measure,
+    own,
+    recordings,
+    results,
+    running,
+    steer,
+    watch,
+)
 
 app = typer.Typer(
     name="swarm",
@@ -48,6 +61,11 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "top": watch.top,
     "logs": watch.logs,
     "stop": live.stop,
+    "pause": steer.pause,
+    "resume": steer.resume,
+    "step": steer.step,
+    "rate": steer.rate,
+    "goal": steer.goal,
     "kill": live.kill,
     "restart": live.restart,
     "fault": live.fault,
@@ -67,8 +85,18 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "doctor": own.doctor,
     "version": hand.version,
 }
+
+
+def flowed(text: str) -> str:
+    """A docstring as help: paragraphs as wide as the terminal, examples line by line."""
+    paragraphs = inspect.cleandoc(text).split("\n\n")
+    return "\n\n".join(
+        one if one.startswith("Example") else " ".join(one.split()) for one in paragraphs
+    )
+
+
 for name, verb in VERBS.items():
-    app.command(name)(verb)
+    app.command(name, help=flowed(verb.__doc__ or ""))(verb)
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 import setproctitle
 import typer
-from typer import Argument, Option
+from typer import Option
 
 from swarm import errors, runs
 from swarm import scenario as scenarios
@@ -21,7 +21,7 @@ SEED_MAX = 2**53
 
 
 def chaos(
-    scenario: Annotated[str, Argument(help="A built-in scenario's name, or a TOML file.")],
+    scenario: options.Scenario,
     count: Annotated[int, Option("--runs", min=1, max=1_000_000, help="How many.")] = 100,
     seed: Annotated[
         int, Option(min=0, max=SEED_MAX, help="Of the faults; the scenario keeps its own.")

@@ -18,7 +18,7 @@ from swarm.run.cli import live, options, running
 
 
 def world_(
-    scenario: Annotated[str, Argument(help="A built-in scenario's name, or a TOML file.")],
+    scenario: options.Scenario,
     listen: Annotated[str, Option(help="Endpoint of the router inside.")] = "tcp/127.0.0.1:7447",
     router: Annotated[
         str | None, Option(metavar="ENDPOINT", help="Use this router instead.")
@@ -89,7 +89,10 @@ def robot_(
 
 
 def version(as_json: options.Json = False) -> None:
-    """Print the versions of everything that matters."""
+    """Print the versions of everything that matters.
+
+    Example:  swarm version --json
+    """
     names = ("msam-swarm", "eclipse-zenoh", "rerun-sdk", "mcap", "numpy", "msgspec")
     rows = {name: importlib.metadata.version(name) for name in names}
     rows["python"] = platform.python_version()

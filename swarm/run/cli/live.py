@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import os
 import signal
 from collections.abc import Sequence
@@ -18,15 +17,20 @@ from typer import Argument
 from swarm import errors, runs, scenario, zenoh_bus
 from swarm.messages import CONTROL, ControlRequest, Reply, Status
 from swarm.run import census, front, processes
-from swarm.run.cli import options
+from swarm.run.cli import complete, options
 
 WORLD = "world"
 STOP_TIMEOUT_S = 10.0
 ASK_TIMEOUT_S = 2.0
 KILL_TIMEOUT_S = 5.0
 
-Name = Annotated[str, Argument(metavar="NAME", help="A robot's name.")]
-Victim = Annotated[str, Argument(metavar="NAME", help="A robot's name, or `world`.")]
+Name = Annotated[
+    str, Argument(metavar="NAME", help="A robot's name.", autocompletion=complete.robots)
+]
+Victim = Annotated[
+    str,
+    Argument(metavar="NAME", help="A robot's name, or `world`.", autocompletion=complete.robots),
+]
 Spec = Annotated[str, Argument(metavar="SPEC", help="kind:target[@start_s][+for_s][,key=value]")]
 
 
@@ -174,8 +178,7 @@ def known(card: runs.Card, name: str, more: Sequence[str] = ()) -> str:
     names = [*(row.name for row in status_of(card).robots), *more]
     if name in names:
         return name
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
+    hint = errors.did_you_mean(name, names)
     raise errors.UsageError(f"expected one of {', '.join(names)}, got '{name}'{hint}")
 
 

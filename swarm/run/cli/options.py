@@ -8,11 +8,27 @@ from typing import Annotated, Any
 import msgspec
 from typer import Argument, Option
 
+from swarm.run.cli import complete
+
 Json = Annotated[bool, Option("--json", help="Print one JSON object on standard output.")]
-Run = Annotated[Path, Argument(metavar="RUN", help="A run's folder, or its run.mcap.")]
+Scenario = Annotated[
+    str,
+    Argument(help="A built-in scenario's name, or a TOML file.", autocompletion=complete.scenarios),
+]
+Run = Annotated[
+    Path,
+    Argument(
+        metavar="RUN", help="A run's folder, or its run.mcap.", autocompletion=complete.finished
+    ),
+]
 RunId = Annotated[
     str | None,
-    Option("--run", metavar="ID", help="Which one, if several run; its first letters do."),
+    Option(
+        "--run",
+        metavar="ID",
+        help="Which one, if several run; its first letters do.",
+        autocompletion=complete.run_ids,
+    ),
 ]
 
 

@@ -15,7 +15,7 @@ from typer import Argument, Option
 from swarm import errors, scenario, shapes
 from swarm.run import doctor as doctor_
 from swarm.run import draft, front, launch, viewers
-from swarm.run.cli import options
+from swarm.run.cli import complete, options
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}\Z"
 STYLES = {"ok": "green", "warn": "yellow", "bad": "bold red"}
@@ -56,7 +56,14 @@ def new(
 
 
 def view(
-    path: Annotated[Path, Argument(metavar="RUN", help="A run's folder, or its run.rrd.")],
+    path: Annotated[
+        Path,
+        Argument(
+            metavar="RUN",
+            help="A run's folder, or its run.rrd.",
+            autocompletion=complete.finished,
+        ),
+    ],
     web: Annotated[bool, Option("--web", help="Serve the viewer to a browser.")] = False,
     native: Annotated[bool, Option("--native", help="Open a window.")] = False,
 ) -> None:

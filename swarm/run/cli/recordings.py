@@ -10,7 +10,7 @@ import typer
 from typer import Argument, Option
 
 from swarm import recording, runs
-from swarm.run.cli import options
+from swarm.run.cli import complete, options
 
 
 def verify(
@@ -86,8 +86,15 @@ def replay_(
 
 
 def diff(
-    a: Annotated[Path, Argument(metavar="A", help="A run's folder, or its run.mcap.")],
-    b: Annotated[Path, Argument(metavar="B", help="Another one.")],
+    a: Annotated[
+        Path,
+        Argument(
+            metavar="A", help="A run's folder, or its run.mcap.", autocompletion=complete.finished
+        ),
+    ],
+    b: Annotated[
+        Path, Argument(metavar="B", help="Another one.", autocompletion=complete.finished)
+    ],
     as_json: options.Json = False,
 ) -> None:
     """Compare two runs tick by tick, to the last bit; exit code 1 when they differ.

@@ -13,11 +13,14 @@ from typer import Argument, Option
 from swarm import errors, recording, runs
 from swarm import scenario as scenarios
 from swarm.run import front, launch, library, supervisor
-from swarm.run.cli import options
+from swarm.run.cli import complete, options
 
 
 def list_scenarios(as_json: options.Json = False) -> None:
-    """List the built-in scenarios."""
+    """List the built-in scenarios.
+
+    Example:  swarm scenarios --json
+    """
     rows = []
     for name, resource in library.built_in().items():
         plan = scenarios.decode(resource.read_bytes(), f"{name}.toml")
@@ -30,7 +33,14 @@ def list_scenarios(as_json: options.Json = False) -> None:
 
 
 def validate(
-    files: Annotated[list[str], Argument(metavar="FILE...", help="TOML files or built-in names.")],
+    files: Annotated[
+        list[str],
+        Argument(
+            metavar="FILE...",
+            help="TOML files or built-in names.",
+            autocompletion=complete.scenarios,
+        ),
+    ],
     as_json: options.Json = False,
 ) -> None:
     """Check scenarios without starting anything.
@@ -56,7 +66,7 @@ def validate(
 
 
 def run(
-    scenario: Annotated[str, Argument(help="A built-in scenario's name, or a TOML file.")],
+    scenario: options.Scenario,
     robots: Annotated[
         int | None, Option(help="How many robots (of a line, or the first N).")
     ] = None,

@@ -15,7 +15,7 @@ from swarm import errors, palette, runs, zenoh_bus
 from swarm import scenario as scenarios
 from swarm.messages import STATUS, Status
 from swarm.run import board, census, keys, logbook, processes
-from swarm.run.cli import live, options
+from swarm.run.cli import complete, live, options
 
 LOOK_S = 0.1  # how soon a key is noticed
 DRAW_S = 0.5  # as often as the world tells how it is
@@ -102,7 +102,11 @@ def _follow(
 def logs(
     names: Annotated[
         list[str] | None,
-        Argument(metavar="[RUN] [NAME]...", help="A run's folder; only these processes."),
+        Argument(
+            metavar="[RUN] [NAME]...",
+            help="A run's folder; only these processes.",
+            autocompletion=complete.logs,
+        ),
     ] = None,
     follow: Annotated[
         bool, Option("--follow", "-f", help="Go on as they grow, until the run ends.")

@@ -12,7 +12,6 @@ formations    six robots among obstacles, Fig. 13 to 18
 
 from __future__ import annotations
 
-import difflib
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -98,8 +97,7 @@ def check_names(names: Sequence[str]) -> None:
     known = figures()
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
+            hint = errors.did_you_mean(name, known)
             raise errors.UsageError(
                 f"reproduce: expected some of {', '.join(known)}, got '{name}'{hint}"
             )

@@ -17,7 +17,6 @@ A measurement, not a threshold: whatever the figures are, it has failed only whe
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 import shlex
@@ -224,8 +223,7 @@ def _chosen(flag: str, text: str | None, known: tuple[str, ...]) -> tuple[str, .
     names = tuple(part.strip() for part in text.split(","))
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
+            hint = errors.did_you_mean(name, known)
             raise errors.UsageError(
                 f"{flag}: expected some of {', '.join(known)} joined by commas, got '{name}'{hint}"
             )
