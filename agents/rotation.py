@@ -34,10 +34,10 @@ CORNER_RAD = 0.45
 CORNER_BEYOND_M = 0.45
 CORNER_PUSH_MAX = 1.5
 # A ROUND that has not left a place of this size for so long has no room to keep its distance: the
-# bodies of robots that were lost may stand nearer to each other. It then follows the wall closely.
+# bodies of robots that were lost may stand nearer to each other. It then follows the wall closely,
+# and by turns looks for a gap that is narrower.
 PLACE_M = 1.0
-PLACE_S = 12.0
-CLOSE_M = 0.06  # beyond what it keeps clear of anyway
+PLACE_S = 20.0
 # Steepness of both pushes, 1/m.
 WALL_GAIN_1PM = 2.0
 # Leaving ROUND, the way to the goal must be free this far.
@@ -59,8 +59,9 @@ class State(msgspec.Struct, frozen=True):
     lap_wall_rad: float = 0.0  # world, from there to the wall
     lap_away: bool = False  # has been away from there
     laps: int = 0  # completed, one each way
-    place: Vec2 | None = None  # world, where it has been in ROUND
+    place: Vec2 | None = None  # world, where it has been since a ROUND
     place_s: float = 0.0  # for so long
+    turn_s: float = 0.0  # of this ROUND
     failed: Reason = ""  # there is no way; for good
 
 
@@ -92,6 +93,7 @@ def step(
     if memory.failed:
         return memory
     best_m = min(memory.best_m, distance_m)
+    memory = _stay(memory, position, 0.0 if waiting else elapsed_s)
     if memory.sense != 0:
         round_s = memory.round_s + (0.0 if waiting else elapsed_s)
         done = not map.clusters
@@ -106,13 +108,9 @@ def step(
                 look_m=min(distance_m, LEAVE_LOOK_M),
             )
             done = free_rad == goal_rad
-        place, place_s = memory.place, memory.place_s
-        if place is None or _away_m(place, position) > PLACE_M:
-            place, place_s = position, 0.0 if place_s < PLACE_S else place_s
-        place_s += 0.0 if waiting else elapsed_s
-        memory = msgspec.structs.replace(
-            memory, best_m=best_m, round_s=round_s, place=place, place_s=place_s
-        )
+        turn_s = memory.turn_s + (0.0 if waiting else elapsed_s)
+        done = done or (is_confined(memory) and turn_s > PLACE_S)
+        memory = msgspec.structs.replace(memory, best_m=best_m, round_s=round_s, turn_s=turn_s)
         if not done:
             if round_s > params.round_s_max:
                 return msgspec.structs.replace(memory, sense=0, failed="too-long")
@@ -126,8 +124,6 @@ def step(
             sense=0,
             lap=None,
             laps=0,
-            place=None,
-            place_s=0.0,
         )
     if distance_m < memory.reference_m - params.stall_progress_m:
         return msgspec.structs.replace(memory, best_m=best_m, reference_m=distance_m, stalled_s=0.0)
@@ -148,16 +144,25 @@ def step(
         hit=position,
         hit_distance_m=best_m,
         hit_sense=sense,
+        place=memory.place or position,
+        place_s=memory.place_s,
     )
 
 
-def kept_m(memory: State, clear_m: float, keep_m: float) -> float:
-    """Distance to keep from the wall: less where there is no room for more."""
-    return min(keep_m, clear_m + CLOSE_M) if memory.place_s >= PLACE_S else keep_m
+def is_confined(memory: State) -> bool:
+    """Whether it has been where there is no room for the usual distances, for long."""
+    return memory.place_s >= PLACE_S
 
 
-def _away_m(one: Vec2, other: Vec2) -> float:
-    return geometry.length(one[0] - other[0], one[1] - other[1])
+def _stay(memory: State, position: Vec2, elapsed_s: float) -> State:
+    """Memory with the clock of the place moved on, or stopped once that was left."""
+    if memory.place is None:
+        return memory
+    dx_m, dy_m = position[0] - memory.place[0], position[1] - memory.place[1]
+    if geometry.length(dx_m, dy_m) <= PLACE_M:
+        return msgspec.structs.replace(memory, place_s=memory.place_s + elapsed_s)
+    place = None if memory.sense == 0 else position
+    return msgspec.structs.replace(memory, place=place, place_s=0.0)
 
 
 def _walk_round(

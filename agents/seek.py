@@ -20,6 +20,10 @@ from swarm.geometry import Pose, Vec2
 from swarm.messages import Forces, Mode
 from swarm.scenario import RobotSetup
 
+# Where there is no room: this share of the margins, and looking for gaps no further than this.
+NARROW = 0.6
+NARROW_LOOK_M = 0.8
+
 
 class State(msgspec.Struct, frozen=True):
     """How far along its way a robot is, and which way it went last."""
@@ -77,11 +81,14 @@ def step(
         if memory.failed:
             failed = Wish(mode="FAILED", waypoint=target, reason=memory.failed)
             return State(state.via_index, state.direction_rad, memory), failed
+    look_m = min(distance_m, setup.steering.gap_look_m)
+    if rotation.is_confined(memory):
+        clear_m = setup.robot.body_radius_m + NARROW * setup.steering.gap_margin_m
+        keep_m, look_m = clear_m + NARROW * setup.steering.gap_margin_m, min(look_m, NARROW_LOOK_M)
     mode: Mode = "GO"
     direction_rad = state.direction_rad
     if memory.sense != 0:
         mode = "ROUND"
-        keep_m = rotation.kept_m(memory, clear_m, keep_m)
         along = rotation.follow_wall(keep_m, map, memory.sense, pose.yaw_rad)
         forces = Forces(rotating=along, resultant=along)
     else:
@@ -94,7 +101,7 @@ def step(
                 goal_rad,
                 goal_rad if direction_rad is None else direction_rad,
                 clear_m=clear_m,
-                look_m=min(distance_m, setup.steering.gap_look_m),
+                look_m=look_m,
             )
             direction_rad = goal_rad if free_rad is None else free_rad
         forces = add_up(setup, pose, map, others, goal_rad, distance_m, free_rad, extended)

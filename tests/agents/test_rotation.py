@@ -145,3 +145,29 @@ def test_follow_wall_keeps_its_distance_and_side(sense: int) -> None:
     assert abs(ahead_x) < 0.1
     assert along(0.40)[0] < -0.4  # too near: away
     assert along(1.40)[0] > 0.9  # too far: closer
+
+
+ROUND = rotation.State(sense=-1, hit=(0.0, 0.0), hit_distance_m=5.0, hit_sense=-1, place=(0.0, 0.0))
+PLACE_TICKS = 251  # 20 s and a tick
+
+
+def test_round_that_does_not_get_away_has_no_room_and_looks_for_a_gap_by_turns() -> None:
+    memory = remember(ROUND, AHEAD, 5.0, ticks=PLACE_TICKS - 2)
+    assert (rotation.is_confined(memory), memory.sense) == (False, -1)
+    memory = remember(memory, AHEAD, 5.0, ticks=2)
+    assert (rotation.is_confined(memory), memory.sense) == (True, 0)
+    memory = remember(memory, AHEAD, 5.0, ticks=STALL_TICKS + 1)
+    assert (rotation.is_confined(memory), memory.sense) == (True, 1)  # the other way round
+    assert memory.turn_s < 0.5
+
+
+def test_round_that_gets_away_has_room_again() -> None:
+    memory = remember(ROUND, AHEAD, 5.0, ticks=PLACE_TICKS + 10)
+    memory = remember(memory, AHEAD, 5.0, position=(0.9, 0.0))
+    assert rotation.is_confined(memory)
+    memory = remember(memory, AHEAD, 5.0, position=(1.1, 0.0))
+    assert not rotation.is_confined(memory)
+
+
+def test_who_waits_for_others_is_not_confined() -> None:
+    assert not rotation.is_confined(remember(ROUND, AHEAD, 5.0, ticks=1000, waiting=True))

@@ -56,6 +56,8 @@ def test_draw_stays_within_the_bounds_and_can_be_written_as_a_line(
     for fault in schedule.faults:
         assert any(_allows(bound, fault) for bound in SURVIVABLE), faults.text_of(fault)
         assert schedules.FIRST_TICK <= plan.tick_of(fault.at_s) < plan.tick_of(LENGTH_S)
+        if isinstance(fault, faults.DiskFull):  # over before the run can be
+            assert fault.at_s <= 0.7 * LENGTH_S
     texts = schedule.text.split("--fault ")[1:]
     tables = [faults.table(text.strip()) for text in texts]
     again = scenario.decode(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from swarm import faults, messages, scenario
+from swarm import faults, messages, metrics, scenario
 from swarm.geometry import STILL, Pose
 from swarm.messages import Array, Beacon, Event, FrameRecord, Leadership, RobotRecord, TickRecord
 from swarm.run.chaos import groups, reach
@@ -321,3 +321,21 @@ polygon = [[2.0, -30.0], [2.5, -30.0], [2.5, 30.0], [2.0, 30.0]]
     walled = scenario.decode(TOML + wall, "walled")
     assert not reach.can_arrive(walled, _standing(NEAR_M, []), 0, (5.0, 0.0))
     assert reach.can_arrive(walled, _standing(NEAR_M, []), 0, (-1.0, 3.0))
+
+
+def test_who_has_not_arrived_is_stuck_unless_nobody_knows_how_it_ended() -> None:
+    plan = _plan()
+    watch, score = Watch(plan, 0), metrics.begin(plan)
+    for tick in range(3):
+        record = _record(tick, ALL_1, dead=[3])
+        watch.observe(record)
+        metrics.observe(score, record)
+    stuck = watch.conclude(score, "timeout").violations
+    assert [(one.invariant, one.robots) for one in stuck] == [
+        ("stuck", ("robot1",)),
+        ("stuck", ("robot2",)),
+        ("stuck", ("robot3",)),
+    ]
+    watch = Watch(plan, 0)
+    watch.observe(_record(0, ALL_1))
+    assert watch.conclude(score, None).violations == ()

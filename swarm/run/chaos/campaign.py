@@ -306,7 +306,7 @@ def shows(command: str, plan: Scenario, drawn: shrink.Drawn, invariant: str) -> 
                 metrics.observe(score, record)
         except errors.RecordingError:
             return False
-        findings = watch.conclude(score, metrics.ended(score) or "cut short")
+        findings = watch.conclude(score, metrics.ended(score))
         return memory.first(findings.violations, invariant) is not None
 
 

@@ -73,7 +73,7 @@ def _watched(plan: Scenario, folder: Path, watch: Watch, found: list[Violation])
             metrics.observe(score, record)
     except errors.RecordingError as error:
         found.append(Violation("recording", score.tick, (), str(error)))
-    return watch.conclude(score, metrics.ended(score) or "cut short")
+    return watch.conclude(score, metrics.ended(score))
 
 
 def _recorded(folder: Path, tick: int) -> list[Violation]:

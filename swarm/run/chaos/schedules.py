@@ -22,6 +22,7 @@ FAULTS_MAX = 6  # in one schedule
 FIRST_TICK = 13  # before that not everybody has heard where it goes: an election's time
 SPARED = 2  # robots that are neither killed nor started anew: somebody remembers the goal
 WORLD_KILLS_MAX = 2  # the policy starts a world again five times in a minute
+DISK_SHARE = 0.7  # of the undisturbed run's length, within which disks begin to be full
 CONVERGE_S = 120.0  # after the last fault, and the undisturbed run's length besides
 
 Whom = Literal["robots", "any", "world"]  # one to three by name or a share; all too; the world
@@ -156,7 +157,9 @@ def _count(target: str, robots: int) -> int:
 
 
 def _fault(scenario: Scenario, length_s: float, bound: Bound, dice: np.random.Generator) -> Fault:
-    last_tick = max(FIRST_TICK + 1, scenario.tick_of(length_s))
+    # A disk that is full when the run ends takes nothing of its last ticks: let it be over by then.
+    begins_s = DISK_SHARE * length_s if bound.kind == "disk-full" else length_s
+    last_tick = max(FIRST_TICK + 1, scenario.tick_of(begins_s))
     table: dict[str, Any] = {
         "kind": bound.kind,
         "target": _target(scenario, bound.whom, dice),

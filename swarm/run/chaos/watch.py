@@ -121,10 +121,14 @@ class Watch:
         """How long each group took to agree on a live leader, as far as it has."""
         return tuple(self._agreed_s)
 
-    def conclude(self, score: metrics.Score, ended: str) -> Findings:
-        """After the last tick."""
+    def conclude(self, score: metrics.Score, ended: str | None) -> Findings:
+        """After the last tick.
+
+        Args:
+            ended: why it was the last; None: nobody knows, the rest was lost.
+        """
         scenario = self._scenario
-        if ended != "arrived":
+        if ended not in ("arrived", None):
             self._look_for_stuck(score, ended)
         arrivals = [tally.arrival_tick for tally in score.tallies if tally.arrival_tick is not None]
         converged_s = None
@@ -278,7 +282,7 @@ class Watch:
             text = f"has given way to {beacon.yields_to} for {waited_s:.1f} s without a break"
             self._break("waits", [row], text)
 
-    def _look_for_stuck(self, score: metrics.Score, ended: str) -> None:
+    def _look_for_stuck(self, score: metrics.Score, ended: str | None) -> None:
         assert self._last is not None
         robots = self._last.robots
         late = [
