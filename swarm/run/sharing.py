@@ -131,4 +131,7 @@ def _main(end: Connection, work: Callable[[J], V], name: str, parent_pid: int) -
             place = traceback.extract_tb(error.__traceback__)[-1]
             text = f"{type(error).__name__}: {error} ({place.name}, line {place.lineno})"
             answer = (None, text)
-        end.send(answer)
+        try:
+            end.send(answer)
+        except BrokenPipeError:  # nobody is there any more who would take it
+            return
