@@ -164,8 +164,11 @@ def test_plain_router_drops_what_is_too_large_and_keeps_the_link(plain_router: s
         robot.announce("robot", "robot1")
         until(lambda: world.alive(), world)
         # one byte of the envelope more or less does not matter to these sizes
-        for tick, padding in enumerate((60_000, 70_000, 300_000, 1_000_000, 0)):
-            robot.publish(COMMAND, command("robot1", tick, padding), "robot1")
+        robot.publish(COMMAND, command("robot1", 0, 60_000), "robot1")
+        robot.publish(COMMAND, command("robot1", 1, 70_000), "robot1")
+        for size in (300_000, 1_000_000):
+            robot.publish_raw(COMMAND, bytes(size), "robot1")
+        robot.publish(COMMAND, command("robot1", 4), "robot1")
         assert [next_of(world).message.tick for _ in range(2)] == [0, 4]
         assert world.rejected() == {}  # dropped on the way, not by the receiver
         assert world.alive() == {("robot", "robot1")}

@@ -102,7 +102,9 @@ def test_live_picture_is_served_on_loopback_and_ends_with_the_run(folder: Path, 
         return True
 
     processes.until(answered, 20.0, "an answer")
-    assert answers[-1].startswith(b"HTTP/1.1 101" if flag == "--foxglove" else b"HTTP/1.1 200")
+    version, code = answers[-1].split()[:2]
+    assert version.startswith(b"HTTP/1.")
+    assert code == (b"101" if flag == "--foxglove" else b"200")
     run.terminate()
     run.communicate(timeout=10.0)
     processes.until(lambda: not processes.belonging(folder), 5.0, "all end")

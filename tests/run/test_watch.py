@@ -126,8 +126,15 @@ def test_top_shows_every_process_once_where_there_is_no_terminal(here: Here, fol
         rows = json.loads(done.stdout)["processes"] if done.returncode == 0 else []
         return {row["name"]: row for row in rows}
 
-    processes.until(lambda: found().get("robot3", {}).get("heard"), 30.0, "three that hear")
-    by_name = found()
+    by_name: dict[str, Any] = {}
+
+    def all_hear() -> bool:
+        by_name.clear()
+        by_name.update(found())
+        robots = [row for name, row in by_name.items() if name.startswith("robot")]
+        return len(robots) == 3 and all(one["heard"] and one["commands_per_s"] for one in robots)
+
+    processes.until(all_hear, 30.0, "three that hear and answer")
     assert list(by_name) == ["run", "world", "robot1", "robot2", "robot3"]
     assert by_name["run"]["pid"] == run.pid
     assert by_name["robot1"]["heard"] == 2
