@@ -40,7 +40,7 @@ class State(msgspec.Struct, frozen=True):
 
     yields_to: Name | None = None
     hold_s: float = 0.0  # without a formation: still waits this long after the last reason
-    waited_s: float = 0.0  # in a formation: this long without a break
+    waited_s: float = 0.0  # this long without a break
 
 
 def claim(role: Role, slot: Slot | None, row: int) -> Claim:
@@ -144,11 +144,15 @@ def _without_formation(
         )
     ]
     if near:
-        return State(yields_to=_best(near), hold_s=priority.yield_hold_s)
+        waited_s = state.waited_s + elapsed_s
+        # Bounded here too: one that stands for good, and says that it goes, holds up nobody.
+        if waited_s > priority.wait_s_max:
+            return State(hold_s=priority.yield_hold_s, waited_s=waited_s)
+        return State(_best(near), priority.yield_hold_s, waited_s)
     hold_s = state.hold_s - elapsed_s
-    if state.yields_to is None or hold_s <= 0.0:
+    if hold_s <= 0.0:
         return State()
-    return State(yields_to=state.yields_to, hold_s=hold_s)
+    return State(state.yields_to, hold_s, state.waited_s + elapsed_s)
 
 
 def comes_too_near(priority: Priority, radius_m: float, peer: Peer, velocity: Vec2) -> bool:

@@ -158,6 +158,7 @@ class Priority(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     strategy: Literal["priority", "mutual"] = "priority"
     yield_s_max: Positive = 6.0  # bounded waiting inside a formation
+    wait_s_max: Positive = 30.0  # and outside, where one may have to wait for several
     yield_hold_s: NotNegative = 0.4
     yield_reach_m: Positive = 2.5
     yield_horizon_s: Positive = 3.0

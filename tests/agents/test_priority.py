@@ -140,3 +140,17 @@ def test_follower_waits_six_seconds_at_most() -> None:
     away = scenes.beacon("robot2", Pose(3.0, 0.0, 0.0), priority=LEADER)
     state = decide(FOLLOWER, away, state)
     assert decide(FOLLOWER, NEAR, state).yields_to == "robot2"
+
+
+def test_robot_alone_waits_thirty_seconds_at_most() -> None:
+    setup = scenes.alone(row=3)
+    state = priority.State()
+    waited = 0
+    for _ in range(600):  # one that says that it comes, and never does
+        state = decide(setup, head_on((1, 0, 0, 2)), state)
+        waited += state.yields_to is not None
+    assert waited * scenes.DT_S == pytest.approx(30.0, abs=1.5 * scenes.DT_S)
+    gone = scenes.beacon("robot9", Pose(-2.0, 0.0, -pi), Twist(0.8, 0.0), priority=(1, 0, 0, 2))
+    for _ in range(6):
+        state = decide(setup, gone, state)
+    assert decide(setup, head_on((1, 0, 0, 2)), state).yields_to == "robot9"
