@@ -18,7 +18,7 @@ from world import scene
 
 CELL_M = 0.1
 MARGIN_M = 0.35  # that a robot keeps from what it passes; a narrower gap counts as closed
-FREE_M = 0.1  # and from what stands beside its goal
+FREE_M = 0.15  # and from what stands beside its goal; robots do not stop nearer to a body
 AROUND_M = 6.0  # how far beyond everything it may go round
 
 
