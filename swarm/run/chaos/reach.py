@@ -43,10 +43,11 @@ def can_arrive(
         for other, robot in enumerate(robots)
         if other != row and (not robot.alive or robot.contact)
     ]
-    for x, y, other_m in standing:
-        dx_m, dy_m = target[0] - x, target[1] - y
-        if sqrt(dx_m * dx_m + dy_m * dy_m) < radius_m + other_m + FREE_M:
-            return False
+    if any(
+        sqrt((target[0] - x) ** 2 + (target[1] - y) ** 2) < radius_m + other_m + FREE_M
+        for x, y, other_m in standing
+    ):
+        return False
     points = [(here.pose.x_m, here.pose.y_m), target, *((x, y) for x, y, _ in standing)]
     low = [min(point[axis] for point in points) - AROUND_M for axis in (0, 1)]
     high = [max(point[axis] for point in points) + AROUND_M for axis in (0, 1)]
