@@ -17,6 +17,7 @@ from world.roster import Member
 from world.simulation import WorldState
 
 FILE_NAME = "checkpoint.msgpack"
+KILLS_NAME = "kills.txt"  # a line for each fault that has killed a world of the run
 BYTES_MAX = 256 << 20
 
 

@@ -44,6 +44,9 @@ class Keeper(Protocol):
     def disk_full(self, full: bool) -> None:
         """From now on the recorder's disk takes nothing, or takes all again."""
 
+    def note_kill(self, fault: str) -> None:
+        """Keep that a fault is about to kill this world, even when no checkpoint can be kept."""
+
 
 class Nowhere:
     """Keeper of a run that leaves nothing behind."""
@@ -54,12 +57,16 @@ class Nowhere:
     def disk_full(self, full: bool) -> None:
         """No disk."""
 
+    def note_kill(self, fault: str) -> None:
+        """Not kept."""
+
 
 class Resumed(msgspec.Struct, frozen=True, eq=False):
     """Where a run goes on that another world began."""
 
     checkpoint: Checkpoint | None  # None: it was killed before it had made one
     score: metrics.Score  # of all ticks before
+    kills: frozenset[str] = frozenset()  # faults, as texts, that have killed a world of this run
 
 
 class Conduct(msgspec.Struct):
@@ -134,6 +141,7 @@ class _Conductor:
             ready=self._ready,
             save=self._save,
             disk_full=self._set_disk_full,
+            note_kill=self._note_kill,
         )
         self._score = metrics.begin(scenario)
         self._pace = Pace(
@@ -165,6 +173,7 @@ class _Conductor:
         stop.wake = bus.wake
         if resumed is not None:
             self._score = desk.score = resumed.score
+            self._injector.kills = resumed.kills
             if resumed.checkpoint is not None:
                 run.resume(resumed.checkpoint)
                 self._pace.wall_before_s = resumed.checkpoint.wall_time_s
@@ -276,6 +285,10 @@ class _Conductor:
         if self._keeper is not None:
             self._saved_tick = self._run.tick
             self._keeper.save(self._run.checkpoint(self._bus.run, self._pace.wall_s()))
+
+    def _note_kill(self, fault: str) -> None:
+        if self._keeper is not None:
+            self._keeper.note_kill(fault)
 
     def _set_disk_full(self, full: bool) -> None:
         if self._keeper is not None:

@@ -36,11 +36,13 @@ class Injector:
         ready: Callable[[str], bool | None],
         save: Callable[[], None],
         disk_full: Callable[[bool], None],
+        note_kill: Callable[[str], None],
     ) -> None:
         """Args:
         ready: whether a robot that was continued or started is ready; None: not yet, ask again.
         save: makes a checkpoint at once: the world is about to be killed.
         disk_full: from now on the recorder's disk takes nothing, or takes all again.
+        note_kill: keeps that a fault is about to kill the world, whatever the disk is like.
         """
         self._bus = bus
         self._now = situation
@@ -48,6 +50,8 @@ class Injector:
         self._ready = ready
         self._save = save
         self._disk_full = disk_full
+        self._note_kill = note_kill
+        self.kills: frozenset[str] = frozenset()  # faults that have killed a world of this run
 
     def strike(self) -> bool:
         """All that is due at this tick; whether the state of any process has changed."""
@@ -104,7 +108,11 @@ class Injector:
     def _kill_world(self, number: int) -> None:
         """The end of this world; the next one goes on behind this fault."""
         now = self._now
-        now.event("fault", None, faults.text_of(now.faults[number]), number=number)
+        text = faults.text_of(now.faults[number])
+        now.event("fault", None, text, number=number)
+        if text in self.kills:  # it has, before a checkpoint could be kept behind it
+            return
+        self._note_kill(text)
         self._save()
         done, said = self._attendance.ask(faults.WORLD, "kill")
         if not done:

@@ -117,7 +117,7 @@ def record_run(
                 f"{folder}: expected a recording that is whole up to tick {first_tick}, "
                 f"got one up to {score.tick}; the run cannot go on"
             )
-        resumed = conductor.Resumed(kept, score)
+        resumed = conductor.Resumed(kept, score, _kills(folder))
     observers = [watchers.observe]
     if bus_name != "memory":  # for the world's log, or for who started it by hand
         observers.append(_say_events)
@@ -146,7 +146,8 @@ def record_run(
         world_restarts=segment,
     )
     summary = metrics.summary(run.score, facts)
-    (folder / checkpoint.FILE_NAME).unlink(missing_ok=True)
+    for name in (checkpoint.FILE_NAME, checkpoint.KILLS_NAME):
+        (folder / name).unlink(missing_ok=True)
     text = msgspec.json.format(msgspec.json.encode(summary))
     if (problem := runs.write_whole(folder / runs.SUMMARY, text)) is not None:
         log.say("world", problem, level="error")
@@ -163,6 +164,15 @@ def _kept(folder: Path) -> checkpoint.Checkpoint | None:
     except OSError as error:
         raise errors.RecordingError(f"{path}: {error.strerror}") from error
     return checkpoint.decode(data, str(path))
+
+
+def _kills(folder: Path) -> frozenset[str]:
+    """Faults that have killed a world of the run in a folder."""
+    try:
+        text = (folder / checkpoint.KILLS_NAME).read_text(errors="replace")
+    except OSError:
+        return frozenset()
+    return frozenset(text.splitlines())
 
 
 def _say_events(record: TickRecord) -> None:

@@ -17,7 +17,7 @@ from swarm.bus import Bus
 from swarm.messages import EVENT, Event, TickRecord
 from swarm.scenario import Scenario
 from world import scene
-from world.checkpoint import FILE_NAME
+from world.checkpoint import FILE_NAME, KILLS_NAME
 
 RECORDED_VERSIONS = ("msam-swarm", "eclipse-zenoh", "msgspec", "numpy", "mcap", "rerun-sdk")
 
@@ -107,6 +107,14 @@ class Watchers:
         problem = runs.write_whole(self._folder / FILE_NAME, checkpoint)
         if problem is not None:
             self._say(f"checkpoint: {problem}")
+
+    def note_kill(self, fault: str) -> None:
+        """Keep that a fault is about to kill this world."""
+        try:
+            with (self._folder / KILLS_NAME).open("a") as file:
+                file.write(f"{fault}\n")
+        except OSError as error:  # then the next world dies of it too; the supervisor gives up
+            self._say(f"{KILLS_NAME}: {error.strerror}")
 
     def disk_full(self, full: bool) -> None:
         """From now on the recorder's disk takes nothing, or takes all again."""

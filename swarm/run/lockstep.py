@@ -90,6 +90,9 @@ class _Memory:
     def disk_full(self, full: bool) -> None:
         """No disk."""
 
+    def note_kill(self, fault: str) -> None:
+        """A checkpoint in memory is always kept."""
+
 
 def run(
     scenario: Scenario,

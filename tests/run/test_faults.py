@@ -202,3 +202,14 @@ def test_processes_suffer_the_same_faults_with_the_same_bytes(
     assert one["recording"]["lost"] == 0
     verdict = processes.swarm(folder, "verify", "zenoh")
     assert verdict.returncode == 0, verdict.stdout
+
+
+def test_world_killed_while_the_disk_is_full_dies_of_it_only_once(folder: Path) -> None:
+    faults = ("--fault=disk-full:world@4+4", "--fault=kill:world@5.04")
+    line = ("run", "two-obstacles", "--json", "-q")
+    plain = processes.swarm(folder, *line, "--out", "plain", "--bus", "memory")
+    done = processes.swarm(folder, *line, *faults, "--out", "killed", "--bus", "memory")
+    one, other = json.loads(plain.stdout), json.loads(done.stdout)
+    assert other["state_hash"] == one["state_hash"], done.stderr
+    assert other["world_restarts"] == 1
+    assert processes.swarm(folder, "verify", "killed").returncode == 0
