@@ -21,7 +21,7 @@ from swarm.scenario import RobotSetup
 POLL_S = 0.5  # how often an idle robot looks whether anyone is still there
 ABSENCE_S = 1.5  # world and supervisor away for so long: nobody will come back for us
 SETUP_TIMEOUT_S = 15.0
-STATES_KEPT = 32  # frames; a world that was killed begins again at most so many before the newest
+STATES_KEPT = 128  # frames; a killed world begins again so far back at most, had its disk been full
 
 _setup_decoder = msgspec.msgpack.Decoder(RobotSetup)
 

@@ -205,7 +205,7 @@ def test_processes_suffer_the_same_faults_with_the_same_bytes(
 
 
 def test_world_killed_while_the_disk_is_full_dies_of_it_only_once(folder: Path) -> None:
-    faults = ("--fault=disk-full:world@4+4", "--fault=kill:world@5.04")
+    faults = ("--fault=disk-full:world@4+6", "--fault=kill:world@8.0")  # no checkpoint for 4 s
     line = ("run", "two-obstacles", "--json", "-q")
     plain = processes.swarm(folder, *line, "--out", "plain", "--bus", "memory")
     done = processes.swarm(folder, *line, *faults, "--out", "killed", "--bus", "memory")
