@@ -67,7 +67,7 @@ def test_survivors_of_a_dead_leader_agree_reform_and_arrive() -> None:
         (("partition:leader/robot1/robot3@9.6+3.04",), 6, "robot2"),
         (("loss:all@0,probability=0.2",), 6, "leader"),
         (("dead:leader@9.6+6",), 6, "robot2"),
-        (("kill:leader@9.6", "kill:robot2@20.0"), 4, "robot5"),
+        (("kill:leader@24", "kill:robot2@27.2"), 4, "robot5"),
         (("kill:leader@32.0",), 5, "robot2"),  # its body stands on the goal
     ],
 )
