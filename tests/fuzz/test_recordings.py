@@ -14,7 +14,7 @@ import tomli_w
 
 from swarm import errors, recording, scenario
 from swarm.messages import TickRecord
-from swarm.run import difference, replay, why
+from swarm.run import difference, library, replay, why
 from swarm.source import decode_tick
 from swarm.verdict import verify_file
 from tests.fuzz import mutations
@@ -34,7 +34,7 @@ class Good:
 
     def __init__(self, folder: Path) -> None:
         settings = ("sensor.beams=72", "msam.sectors=36", "expect={}")
-        _, where, data = test_replay.library.read_scenario("two-obstacles")
+        _, where, data = library.read_scenario("two-obstacles")
         self.plan = scenario.decode(data, where, robots=2, settings=settings)
         self.toml = tomli_w.dumps(scenario.to_builtins(self.plan)).encode()
         swarm = test_replay.Swarm(self.plan)
