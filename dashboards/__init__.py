@@ -33,3 +33,8 @@ charts      the figures of a report
 traffic     rate, jitter and loss of each topic
 report      one page that tells a run, or two runs side by side
 """
+
+import os
+
+# Read when Rerun is first imported: it warns of files without a footer, which are meant to be so.
+os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=error")

@@ -7,7 +7,9 @@ The server is ours and viewers come to it: a client sink would stop the run when
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -29,6 +31,8 @@ FILE_BATCH_S = 2.0  # wall; of a file alone. Fewer pieces: 10 min of 100 robots 
 CHECK_S = 1.0  # wall; how soon a full disk is noticed
 CLOSE_S = 5.0  # wall; for the last bytes
 FREE_BYTES_MIN = 1 << 18  # on the disk; less is too little to begin with
+COMPACT_BYTES_MAX = 1 << 28  # of a file; a larger one stays in many pieces, which opens slower
+COMPACT_S = 30.0  # wall; for that
 
 
 class Live:
@@ -46,6 +50,7 @@ class Live:
     ) -> None:
         """Opens what it can; a port or a file of None is left out."""
         self.failure: str | None = None
+        self._path = rrd_path
         self._scenario = scenario
         self._now = now
         self._cpu = cpu
@@ -55,7 +60,10 @@ class Live:
         self._batch_s = FILE_BATCH_S if serve_port is None else BATCH_S
         self._send_at_s = self._seen_s + self._batch_s
         self._check_at_s = self._seen_s + CHECK_S
-        file = [] if rrd_path is None or self._is_full(rrd_path) else [rr.FileSink(rrd_path)]
+        file = []
+        if rrd_path is not None and not self._is_full(rrd_path):
+            # A footer lists all pieces, and the list would stay in memory while the run lasts.
+            file = [rr.FileSink(rrd_path, write_footer=False)]
         server: list[rr.GrpcServerSink] = []
         if serve_port is not None:
             server.append(rr.GrpcServerSink(HOST, serve_port, server_memory_limit=SERVER_MEMORY))
@@ -107,6 +115,8 @@ class Live:
         self._check(self._stream)
         self._stream.disconnect()
         self._stream = None
+        if self._path is not None:
+            compact(self._path)
 
     def _send(self, stream: rr.RecordingStream) -> None:
         batch = batches.batch(self._scenario, self._shots, self._before)
@@ -145,6 +155,25 @@ class Live:
     def _fail(self, text: str) -> None:
         if self.failure is None:
             self.failure = f"Rerun: expected to write the picture of the run, got: {text}"
+
+
+def compact(path: Path) -> None:
+    """Puts the pieces of a file together, with a list of them at its end: it opens much faster.
+
+    A file that is too large for it, or that it fails for, stays as it is, which viewers also read.
+    """
+    if not path.exists() or path.stat().st_size > COMPACT_BYTES_MAX:
+        return
+    whole = path.with_name(f".{path.name}.part")
+    command = [str(viewer_binary()), "rrd", "optimize", str(path), "-o", str(whole)]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=COMPACT_S, check=False)
+        if done.returncode == 0:
+            os.replace(whole, path)
+    except (OSError, subprocess.TimeoutExpired):
+        pass
+    finally:
+        whole.unlink(missing_ok=True)
 
 
 # --- viewers --------------------------------------------------------------------------------------

@@ -225,3 +225,12 @@ def test_doorway_serves_one_page_on_loopback_until_it_is_closed() -> None:
     door.close()
     with pytest.raises(OSError, match="refused"):
         urllib.request.urlopen(address, timeout=10.0)
+
+
+def test_a_file_that_cannot_be_compacted_stays_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "run.rrd"
+    live.compact(path)  # there is none, as when the disk was full from the beginning
+    path.write_bytes(b"no recording at all")
+    live.compact(path)
+    assert path.read_bytes() == b"no recording at all"
+    assert list(tmp_path.iterdir()) == [path]

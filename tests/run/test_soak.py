@@ -23,7 +23,6 @@ GROWTH_MAX = 0.10
 SLACK = 10  # descriptors and threads that come and go; one a cycle would be a thousand
 CYCLE_S = 60.0
 SETTINGS = (
-    "recording.rerun=false",  # Rerun keeps an index of all that it wrote: grows, killed or not
     "restart.robot=on-failure",
     "restart.restart_delay_s=0.2",
     "restart.restart_window_s=0.4",  # none of them dies twice in it, so nothing backs off
