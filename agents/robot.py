@@ -28,6 +28,7 @@ from agents import (
     lateness,
     mission,
     msam,
+    navigator,
     peers,
     pid,
     places,
@@ -77,6 +78,7 @@ class State(msgspec.Struct, frozen=True):
     places: places.State = places.State()  # of a leader
     waited_s: float = 0.0  # of a leader: slowed down for one that lags
     seeking: seek.State = seek.State()
+    navigating: navigator.State = navigator.State()
     following: follow.State = follow.State()
     unheard_s: float = 0.0  # of a follower: its leader lives, but is out of earshot
     waiting: priority.State = priority.State()
@@ -379,6 +381,10 @@ def decide(
         bound = mission.bound_for(setup, errand)
         memory, wish = own(bound, state.own, frame, map, others)
         return replace(state, own=memory), wish
+    if setup.robot.controller == "navigator":
+        bound = mission.bound_for(setup, errand)
+        navigating, wish = navigator.step(bound, state.navigating, frame, map, others, elapsed_s)
+        return replace(state, navigating=navigating), wish
     seeking, wish = seek.step(
         mission.bound_for(setup, errand),
         state.seeking,

@@ -30,7 +30,7 @@ Point = tuple[Coordinate, Coordinate]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 ROBOTS_MAX = 500
-CONTROLLERS = ("extended", "paper")  # built in
+CONTROLLERS = ("extended", "navigator", "paper")  # built in
 RESERVED_NAMES = frozenset(("world", "supervisor", "router", "run"))  # other processes' names
 
 T = TypeVar("T")

@@ -1,0 +1,18 @@
+"""What the stages of the navigator hand on to each other."""
+
+from __future__ import annotations
+
+import msgspec
+
+from swarm.geometry import Vec2
+
+
+class Aim(msgspec.Struct, frozen=True):
+    """Where to go at this tick, and how fast at most: out of the way, into the cells and forces."""
+
+    direction_rad: float  # world, of the sub-goal; that of the way where there is none
+    speed_mps: float  # cap: clearance along the way, distance to the goal
+    subgoal: Vec2  # world, the point that the robot is drawn to
+    distance_m: float  # along the way to the goal
+    is_last: bool  # whether the goal itself comes next, not a way-point
+    reason: str = ""  # why there is no way; "" when there is one
