@@ -17,7 +17,7 @@ import numpy as np
 
 from agents.peers import Peer
 from swarm import geometry
-from swarm.geometry import TAU, Ranges, Vec2
+from swarm.geometry import TAU, Floats, Ranges, Vec2
 from swarm.messages import Arc
 from swarm.scenario import Msam, RobotSetup
 
@@ -47,6 +47,7 @@ class Layout(msgspec.Struct, frozen=True, eq=False):
     sector_units: list[Vec2]  # (sectors,)
     beam_rad: float  # width
     sector_rad: float
+    beam_units_array: Floats  # (beams, 2)
 
 
 @lru_cache(maxsize=32)
@@ -62,6 +63,7 @@ def layout(beams: int, sectors: int) -> Layout:
         sector_units=[geometry.unit(angle) for angle in sector_angles],
         beam_rad=TAU / beams,
         sector_rad=TAU / sectors,
+        beam_units_array=np.array(beam_units),
     )
 
 

@@ -160,11 +160,16 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         frame.pose,
         frame.twist,
         wish.direction_rad(frame.pose.yaw_rad),
-        others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") else (),
+        others
+        if wish.mode in ("GO", "ROUND", "FORM", "AVOID") and not navigates(setup, role)
+        else (),
         elapsed_s,
     )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
-    set_point, allowed = restrain(setup, frame, late, asked, map, others)
+    if navigates(setup, role):
+        state, set_point, allowed = keep(setup, state, frame, late, asked, map, others, wish)
+    else:
+        set_point, allowed = restrain(setup, frame, late, asked, map, others)
     if wish.reason in ("contact", "sensors") or not is_finite(set_point):
         set_point = Twist(0.0, health.PROBE_RADPS) if probes(frame, well) else STILL
     limited = wish.saturated or waiting.yields_to is not None or set_point != asked
@@ -180,12 +185,17 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     )
 
     # 5. Say.
+    said = beacon(setup, state, role, claim, others, frame, wish)
+    if navigates(setup, role):
+        state = msgspec.structs.replace(
+            state, navigating=navigator.send(setup, state.navigating, said)
+        )
     command = Command(
         robot=setup.robot.name,
         tick=frame.tick,
         stamp_ns=frame.stamp_ns,
         set_point=set_point,
-        beacon=beacon(setup, state, role, claim, others, frame, wish),
+        beacon=said,
         trace=Trace(
             sectors=messages.floats(map.sectors_m),
             arcs=map.arcs,
@@ -331,6 +341,9 @@ def is_masked(setup: RobotSetup, role: Role, peer: Peer) -> bool:
         return False
     if role != "alone":
         if peers.is_in_formation(peer.beacon):
+            return not peers.has_come_to_grief(peer.beacon)
+    elif setup.robot.controller == "navigator":
+        if peer.beacon.promise is not None:
             return not peers.has_come_to_grief(peer.beacon)
     elif setup.priority.strategy == "mutual":
         return False
@@ -546,6 +559,49 @@ def restrain(
     return steering.scale_to_rims(setup.robot, held), allowed
 
 
+def navigates(setup: RobotSetup, role: Role) -> bool:
+    """Whether a robot has the navigator's right of way and guard; in formations it has not."""
+    return role == "alone" and setup.robot.controller == "navigator"
+
+
+def keep(
+    setup: RobotSetup,
+    state: State,
+    frame: SensorFrame,
+    late: lateness.State,
+    asked: Twist,
+    map: msam.Map,
+    others: list[Peer],
+    wish: Wish,
+) -> tuple[State, Twist, guard.Limit]:
+    """Set-point by the navigator's guard, which keeps promises.
+
+    A robot whose set-points come late cannot; it is guarded as any other, on top.
+    """
+    promising = [peer for peer in others if peer.beacon.promise is not None]
+    rest = [
+        peer
+        for peer in others
+        if peer.beacon.promise is None and is_masked(setup, "alone", peer)
+    ]
+    rest += peers.halted(rest, frame.pose, setup.dt_s)
+    if late.late_ticks:
+        rest = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
+        promising = []
+        asked, _ = restrain(setup, frame, late, asked, map, others)
+    if wish.reason in ("contact", "sensors") or not is_finite(asked):
+        asked = STILL
+    navigating, held = navigator.restrain(
+        setup, state.navigating, frame, asked, map, promising, rest
+    )
+    speed_mps = abs(held.set_point.speed_mps) if held.by else setup.robot.speed_mps_max
+    return (
+        msgspec.structs.replace(state, navigating=navigating),
+        held.set_point,
+        guard.Limit(speed_mps, held.by),
+    )
+
+
 def beacon(
     setup: RobotSetup,
     state: State,
@@ -565,6 +621,8 @@ def beacon(
     errand, passed = state.mission, state.seeking.via_index
     elected = state.election
     followed = election.is_followed(elected, patience_ticks(setup))
+    on_time = state.lateness.late_ticks == 0 and wish.reason not in ("motors", "contact")
+    drives = navigates(setup, role)
     return Beacon(
         name=robot.name,
         tick=frame.tick,
@@ -586,6 +644,9 @@ def beacon(
         via=() if errand is None else errand.via[0 if role == "follower" else passed :],
         formation_heading_rad=(state.formation_heading_rad or 0.0) if leads else 0.0,
         formation_turn_rate_radps=state.formation_turn_rate_radps if leads else 0.0,
-        yields_to=state.waiting.yields_to,
+        yields_to=state.navigating.yields_to if drives else state.waiting.yields_to,
         reason=wish.reason,
+        promise=navigator.promise(setup) if drives and on_time else None,
+        intent=state.navigating.intent if drives else None,
+        passage=state.navigating.giving.passage if drives else None,
     )

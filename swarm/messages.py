@@ -109,6 +109,35 @@ def leadership_order(leadership: Leadership) -> tuple[int, tuple[int, int, int, 
     return (-leadership.term, leadership.key, leadership.name)
 
 
+class Promise(msgspec.Struct, frozen=True, array_like=True):
+    """How its sender comes to rest if it is told nothing more: exactly so, from pose and twist.
+
+    It goes on with the beacon's twist for one tick, then brakes with both rates to the full. Whoever
+    promises never comes nearer to another's promise than the sum of both `keep_m`.
+    """
+
+    deceleration_mps2: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+    turn_deceleration_radps2: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+    keep_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]  # body radius and what is not exact
+
+
+class Intent(msgspec.Struct, frozen=True, array_like=True):
+    """Where its sender wants to go, so that others can choose how to pass."""
+
+    velocity: Vec2 = (0.0, 0.0)  # m/s, world: chosen for now, whatever the guards left of it
+    target: Vec2 | None = None  # world, next point on its way; None: nowhere
+    active: bool = False  # on its way there: neither waits nor is parked
+
+
+class Passage(msgspec.Struct, frozen=True, array_like=True):
+    """Claim to a gap in which two cannot pass each other."""
+
+    holds: bool  # it goes through; else it wants to
+    mouth: Vec2  # m, world: middle of the gap
+    axis: Vec2  # unit vector, world: the way through, in the sender's direction
+    since: Tick  # of the claim; the older one goes first
+
+
 class Beacon(msgspec.Struct, frozen=True, array_like=True):
     """What a robot tells its peers about itself; the only thing they ever know of it.
 
@@ -140,6 +169,9 @@ class Beacon(msgspec.Struct, frozen=True, array_like=True):
     formation_turn_rate_radps: Finite = 0.0
     yields_to: Name | None = None
     reason: Reason = ""  # of FAILED and HOLD
+    promise: Promise | None = None  # None: its guard knows nothing of promises
+    intent: Intent | None = None
+    passage: Passage | None = None
 
 
 class Arc(msgspec.Struct, frozen=True, array_like=True):

@@ -1,0 +1,113 @@
+"""Where a robot will come to rest, known to all: the braking way that its beacon announces.
+
+    pose, set-point --one tick--> --full braking of both rates, tick by tick--> (ticks, 2) places
+
+Sender and hearers compute it from the same beacon by the same function, so they know the same. It
+is what world.motion makes of a body whose set-point is followed by none, up to rounding.
+"""
+
+from __future__ import annotations
+
+from math import ceil
+
+import numpy as np
+
+from agents.navigator.compiled import compiled
+from swarm.geometry import Floats
+from swarm.messages import Beacon, Promise
+
+# Who needs more ticks to stop announces nothing: its braking way would cost others too much.
+TICKS_MAX = 64
+# Taylor polynomials of this argument are exact to the last bit but one.
+TURN_RAD_MAX = 0.25
+# Rows of `path`: x_m, y_m, cosine and sine of the heading, v_mps, w_radps, and what full braking
+# takes from both rates in a tick.
+COLUMNS = 8
+
+
+@compiled
+def turn(angle_rad: float) -> tuple[float, float]:
+    """Cosine and sine by additions and products only: the same bits on every machine."""
+    halvings = 0
+    while angle_rad > TURN_RAD_MAX or angle_rad < -TURN_RAD_MAX:
+        angle_rad *= 0.5
+        halvings += 1
+    q = angle_rad * angle_rad
+    sine = angle_rad * (
+        1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0))))
+    )
+    less = q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0 * (1.0 - q / 90.0))))
+    for _ in range(halvings):  # less is 1 - cos, which loses nothing for small angles
+        sine, less = 2.0 * sine * (1.0 - less), 2.0 * sine * sine
+    return 1.0 - less, sine
+
+
+@compiled
+def path(body: Floats, dt_s: float, skip: int, places: Floats) -> None:
+    """Places of one body after 1, 2, ... ticks, the first `skip` of them left out.
+
+    Args:
+        body: (COLUMNS,) as above.
+        places: (ticks, 2) m, world; filled.
+    """
+    x_m, y_m, cosine, sine = body[0], body[1], body[2], body[3]
+    v_mps, w_radps = body[4], body[5]
+    for tick in range(skip + places.shape[0]):
+        if v_mps != 0.0 or w_radps != 0.0:
+            half_rad = 0.5 * w_radps * dt_s
+            cos_half, sin_half = turn(half_rad)
+            chord_m = v_mps * dt_s
+            if half_rad != 0.0:
+                chord_m *= sin_half / half_rad
+            cosine, sine = (
+                cosine * cos_half - sine * sin_half,
+                sine * cos_half + cosine * sin_half,
+            )
+            x_m += chord_m * cosine
+            y_m += chord_m * sine
+            cosine, sine = (
+                cosine * cos_half - sine * sin_half,
+                sine * cos_half + cosine * sin_half,
+            )
+            if v_mps > 0.0:
+                v_mps = max(0.0, v_mps - body[6])
+            else:
+                v_mps = min(0.0, v_mps + body[6])
+            if w_radps > 0.0:
+                w_radps = max(0.0, w_radps - body[7])
+            else:
+                w_radps = min(0.0, w_radps + body[7])
+        if tick >= skip:
+            places[tick - skip, 0] = x_m
+            places[tick - skip, 1] = y_m
+
+
+def ticks(speed_mps: float, deceleration_mps2: float, dt_s: float) -> int:
+    """After how many ticks a body at that speed has come to rest, the one at that speed included."""
+    return 1 + ceil(abs(speed_mps) / (deceleration_mps2 * dt_s) - 1e-9)
+
+
+def reach_m(speed_mps: float, deceleration_mps2: float, dt_s: float) -> float:
+    """How far a body can get from where it is by a tick at that speed and braking from it."""
+    return speed_mps * dt_s + speed_mps * speed_mps / (2.0 * deceleration_mps2)
+
+
+def row(beacon: Beacon, promise: Promise, cosine: float, sine: float, dt_s: float) -> list[float]:
+    """Row of `path` for a beacon, with the cosine and sine of its heading."""
+    return [
+        beacon.pose.x_m,
+        beacon.pose.y_m,
+        cosine,
+        sine,
+        beacon.twist.speed_mps,
+        beacon.twist.turn_rate_radps,
+        promise.deceleration_mps2 * dt_s,
+        promise.turn_deceleration_radps2 * dt_s,
+    ]
+
+
+def places(body: list[float], count: int, dt_s: float) -> Floats:
+    """(count, 2) places of one body, m, world."""
+    result = np.empty((count, 2))
+    path(np.array(body), dt_s, 0, result)
+    return result

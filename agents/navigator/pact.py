@@ -1,0 +1,435 @@
+"""The guard between robots: nobody touches, whatever the stages before it ask for.
+
+    own and peers' braking ways as announced --half-planes, instant by instant--> what is admitted
+    asked, slewed --less and less of it--> first whose own braking way is admitted --> set-point
+
+At each future instant two announced places lie some way apart. Each robot may move its own towards
+the other by half of what that is more than both need, so the next two announced ways keep apart as
+well; and braking as announced changes nothing, so there is always something admitted.
+
+A beacon that was not heard: its sender has used at most half of what was free, and this robot knows
+a lower bound of that from what it did itself. It then uses a quarter of that bound, in whichever
+direction, and the next bound is a quarter of it: however many are lost, on whichever side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, inf, sin
+
+import msgspec
+import numpy as np
+
+from agents.navigator import announce
+from agents.navigator.compiled import compiled
+from agents.peers import Peer
+from swarm import geometry
+from swarm.geometry import Floats, Pose, Twist
+from swarm.messages import Beacon, Name, Promise
+from swarm.scenario import RobotSetup
+
+# Own beacons remembered: as many as a peer's may be ticks late.
+SENT_MAX = 8
+# Two that can get no nearer than this by what they do now leave each other free.
+FREE_M = 0.4
+# Places may differ by rounding from what was announced.
+ROUNDING_M = 1e-9
+# The body may be off the announced way by this: what noise makes of it is in the pad. Beyond, it
+# missed a tick or its motors do not follow, and only what it can do from here counts.
+OFF_M = 0.02
+# Parts of what is asked for, the first admitted is taken.
+PARTS = tuple([part / 20.0 for part in (20, 19, 18, 17, 16, 14, 12, 10, 8, 6, 4, 2, 1, 0)])
+# Room to obstacles on the braking way; where there is less, no nearer than they are by more than
+# CREEP_M in a tick, and never nearer than TOUCH_M.
+ROOM_M, CREEP_M, TOUCH_M = 0.02, 0.004, 0.002
+# Kept between bodies over what errors ask for, by each of two.
+GAP_M = 0.02
+
+PROMISED, STATIC = 0.0, 1.0
+# Columns of a peer after those of `announce.path`
+KEEP, AGE, KIND, FRESH = (announce.COLUMNS + column for column in range(4))
+BY_NONE, BY_OBSTACLE = -1, -2
+
+
+class Link(msgspec.Struct, frozen=True):
+    """What is surely free between this robot and one peer."""
+
+    name: Name
+    tick: int  # of its newest beacon
+    slack: bytes  # (ticks,) float64 m at the coming ticks; as the last one from there on
+
+
+class State(msgspec.Struct, frozen=True):
+    """Own beacons, newest first, and links in order of names."""
+
+    tick: int = -1  # of the newest beacon
+    sent: tuple[tuple[float, ...], ...] = ()  # rows of `announce.path`
+    links: tuple[Link, ...] = ()
+
+
+class Held(msgspec.Struct, frozen=True):
+    """What the guard admits."""
+
+    set_point: Twist
+    part: float  # of what was asked for
+    by: str  # "" | "brake" | a peer's name
+
+
+def pad_m(setup: RobotSetup, pose_error_m: float = 0.0, clock_error_s: float = 0.0) -> float:
+    """Room around a body for what is not as announced, by declared bounds.
+
+    Between two ticks a straight relative way of (v_i + v_j) dt comes nearer than its ends by its
+    square over 8 times the distance, of which each robot's part is at most v^2 dt^2 / (8 r), and
+    an arc leaves its chord by v dt omega dt / 8.
+    """
+    robot, dt_s = setup.robot, setup.dt_s
+    step_m = robot.speed_mps_max * dt_s
+    chord_m = step_m * step_m / (8.0 * robot.body_radius_m)
+    arc_m = step_m * robot.turn_rate_radps_max * dt_s / 8.0
+    lag_m = robot.speed_mps_max / robot.velocity_gain_1ps if robot.motion == "dynamic" else 0.0
+    return GAP_M + chord_m + arc_m + lag_m + pose_error_m + robot.speed_mps_max * clock_error_s
+
+
+def promise(setup: RobotSetup) -> Promise:
+    """What this robot promises in every beacon."""
+    robot = setup.robot
+    surely = 0.75 if robot.motion == "dynamic" else 1.0  # torques run short of what is asked for
+    return Promise(
+        deceleration_mps2=surely * robot.acceleration_mps2_max,
+        turn_deceleration_radps2=surely * robot.turn_acceleration_radps2_max,
+        keep_m=robot.body_radius_m + pad_m(setup),
+    )
+
+
+def is_kept(setup: RobotSetup) -> bool:
+    """Whether this robot stops fast enough for its promise to be of use."""
+    mine = promise(setup)
+    return (
+        announce.ticks(setup.robot.speed_mps_max, mine.deceleration_mps2, setup.dt_s)
+        <= announce.TICKS_MAX
+    )
+
+
+def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:
+    """State after a beacon went out; what was sent before a missed tick is not to be relied on."""
+    if beacon.promise is None:
+        return State(tick=beacon.tick)
+    pose = beacon.pose
+    row = announce.row(beacon, beacon.promise, cos(pose.yaw_rad), sin(pose.yaw_rad), setup.dt_s)
+    before = state.sent if beacon.tick == state.tick + 1 else ()
+    return State(beacon.tick, (tuple(row), *before)[:SENT_MAX], state.links)
+
+
+def hold(
+    setup: RobotSetup,
+    state: State,
+    tick: int,
+    pose: Pose,
+    twist: Twist,
+    asked: Twist,
+    others: Sequence[Peer],
+    statics: Sequence[Peer],
+    points: Floats,
+) -> tuple[State, Held]:
+    """Set-point that keeps what was promised.
+
+    Args:
+        others: peers that promise, heard lately.
+        statics: those that do not, each where it is believed to be; they get half of the gap.
+        points: (n, 2) m, world: obstacles, those near enough to matter.
+    """
+    robot, dt_s = setup.robot, setup.dt_s
+    mine = promise(setup)
+    brakes = (mine.deceleration_mps2, mine.turn_deceleration_radps2)
+    body = [
+        pose.x_m,
+        pose.y_m,
+        cos(pose.yaw_rad),
+        sin(pose.yaw_rad),
+        twist.speed_mps,
+        twist.turn_rate_radps,
+        brakes[0] * dt_s,
+        brakes[1] * dt_s,
+    ]
+    count = announce.ticks(robot.speed_mps_max, brakes[0], dt_s)
+    reach_m = announce.reach_m(robot.speed_mps_max, brakes[0], dt_s)
+    rows: list[list[float]] = []
+    names: list[str] = []
+    known = {link.name: link for link in state.links}
+    slacks: list[tuple[int, Link]] = []
+    for peer in others:
+        beacon = peer.beacon
+        given = beacon.promise
+        assert given is not None
+        age = tick - beacon.tick
+        fastest_mps = max(beacon.speed_mps_max, abs(beacon.twist.speed_mps))
+        near_m = mine.keep_m + given.keep_m + FREE_M + reach_m + age * dt_s * fastest_mps
+        near_m += announce.reach_m(fastest_mps, given.deceleration_mps2, dt_s)
+        if peer.distance_m > near_m:
+            continue
+        yaw_rad = beacon.pose.yaw_rad
+        row = announce.row(beacon, given, cos(yaw_rad), sin(yaw_rad), dt_s)
+        link = known.get(beacon.name)
+        fresh = link is None or link.tick < beacon.tick
+        rows.append([*row, mine.keep_m + given.keep_m, age, PROMISED, float(fresh)])
+        need = announce.ticks(beacon.twist.speed_mps, given.deceleration_mps2, dt_s)
+        count = max(count, need)
+        if link is not None:
+            slacks.append((len(names), link))
+        names.append(beacon.name)
+    for peer in statics:
+        keep_m = mine.keep_m + peer.beacon.body_radius_m + pad_m(setup)
+        if peer.distance_m <= keep_m + 2.0 * reach_m + FREE_M:
+            there = [peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
+            rows.append([*there, keep_m, 1.0, STATIC, 1.0])
+            names.append(peer.beacon.name)
+    count = min(count, announce.TICKS_MAX)
+    sent = state.sent if state.tick == tick - 1 else ()
+    slack = np.full((len(rows), count), -1.0)
+    for number, link in slacks if sent else ():
+        before = np.frombuffer(link.slack)[1:][:count]  # a tick has passed
+        slack[number, : len(before)] = before
+        slack[number, len(before) :] = before[-1] if len(before) else 0.0
+    result = np.zeros(4)
+    admit(
+        np.array(body),
+        np.array(sent or [body]),
+        len(sent),
+        np.array((robot.speed_mps_max, robot.speed_mps_reverse_max, robot.turn_rate_radps_max)),
+        robot.half_track_m,
+        asked.speed_mps,
+        asked.turn_rate_radps,
+        np.array(rows) if rows else np.empty((0, FRESH + 1)),
+        slack,
+        points,
+        robot.body_radius_m,
+        dt_s,
+        _PARTS,
+        result,
+    )
+    links = tuple(
+        [
+            Link(name, tick - int(rows[number][AGE]), slack[number].tobytes())
+            for number, name in enumerate(names)
+            if rows[number][KIND] == PROMISED
+        ]
+    )
+    by = int(result[3])
+    return State(state.tick, state.sent, links), Held(
+        Twist(float(result[0]), float(result[1])),
+        float(result[2]),
+        "" if by == BY_NONE else "brake" if by == BY_OBSTACLE else names[by],
+    )
+
+
+_PARTS = np.array(PARTS)
+
+
+@compiled
+def reached(
+    v_mps: float,
+    w_radps: float,
+    set_v_mps: float,
+    set_w_radps: float,
+    change: Floats,
+    most: Floats,
+    half_track_m: float,
+) -> tuple[float, float]:
+    """Rates after a tick under a set-point: bounds, accelerations, rims; as the world has it.
+
+    Args:
+        change: (2,) greatest change of both rates in a tick.
+        most: (3,) forwards, backwards, turning.
+    """
+    v = max(-most[1], min(most[0], set_v_mps))
+    w = max(-most[2], min(most[2], set_w_radps))
+    v = max(v_mps - change[0], min(v_mps + change[0], v))
+    w = max(w_radps - change[1], min(w_radps + change[1], w))
+    rim_mps = abs(v) + half_track_m * abs(w)
+    if rim_mps > most[0]:
+        scale = most[0] / rim_mps
+        v *= scale
+        w *= scale
+    return v, w
+
+
+@compiled
+def admit(
+    body: Floats,
+    sent: Floats,
+    sent_count: int,
+    most: Floats,
+    half_track_m: float,
+    asked_v_mps: float,
+    asked_w_radps: float,
+    peers: Floats,
+    slack: Floats,
+    points: Floats,
+    radius_m: float,
+    dt_s: float,
+    parts: Floats,
+    result: Floats,
+) -> None:
+    """First part of what is asked for whose braking way is admitted, else braking as announced.
+
+    Args:
+        body: (COLUMNS,) of `announce.path`: as measured.
+        sent: (n, COLUMNS) own beacons of the last ticks, newest first; `sent_count` of them.
+        most: (3,) bounds of the rates.
+        peers: (peers, COLUMNS + 4): KEEP, AGE in ticks, KIND, FRESH: heard since the last tick.
+        slack: (peers, ticks) m, surely free at the coming ticks, negative where nothing is known;
+            filled with what is after this tick.
+        points: (points, 2) m, world.
+        result: (4,) v, omega, part, and by whom it is less than one.
+    """
+    ticks = slack.shape[1]
+    count = peers.shape[0]
+    change = body[6:8]
+
+    # Own braking way as announced; where the body is not on it, the one from where it is.
+    own = np.empty((max(1, sent_count), ticks, 2))
+    for age in range(sent_count):
+        announce.path(sent[age], dt_s, age + 1, own[age])
+    on_way = False
+    if sent_count > 0:
+        now = np.empty((1, 2))
+        announce.path(sent[0], dt_s, 0, now)
+        off_x, off_y = now[0, 0] - body[0], now[0, 1] - body[1]
+        on_way = off_x * off_x + off_y * off_y <= OFF_M * OFF_M
+    v, w = reached(body[4], body[5], 0.0, 0.0, change, most, half_track_m)
+    trial = body.copy()
+    if not on_way:
+        trial[4], trial[5] = v, w
+        announce.path(trial, dt_s, 0, own[0])
+    result[0], result[1], result[2], result[3] = v, w, 0.0, BY_NONE
+
+    # What each peer allows at each tick: along a normal, or in all directions.
+    normals = np.zeros((count, ticks, 2))
+    bounds = np.empty((count, ticks))
+    place = np.empty((ticks, 2))
+    for peer in range(count):
+        age = int(peers[peer, AGE])
+        static = peers[peer, KIND] == STATIC
+        announce.path(peers[peer, : announce.COLUMNS], dt_s, age, place)
+        back = age - 1
+        known = on_way and back < sent_count
+        for tick in range(ticks):
+            if static:
+                x_m, y_m = place[tick, 0] - body[0], place[tick, 1] - body[1]
+            elif age == 1 or not known:
+                x_m, y_m = place[tick, 0] - own[0, tick, 0], place[tick, 1] - own[0, tick, 1]
+            else:
+                x_m = place[tick, 0] - own[back, tick, 0]
+                y_m = place[tick, 1] - own[back, tick, 1]
+            apart_m = np.sqrt(x_m * x_m + y_m * y_m)
+            free_m = max(0.0, apart_m - peers[peer, KEEP])
+            if static or age == 1:
+                bounds[peer, tick] = 0.5 * free_m
+                if apart_m > 0.0:
+                    normals[peer, tick, 0] = x_m / apart_m
+                    normals[peer, tick, 1] = y_m / apart_m
+            else:
+                least_m = max(0.0, slack[peer, tick]) if on_way else 0.0
+                if known and (peers[peer, FRESH] > 0.0 or slack[peer, tick] < 0.0):
+                    late_m = min(free_m, FREE_M)
+                    for _ in range(back):
+                        late_m *= 0.25
+                    least_m = max(least_m, late_m)
+                bounds[peer, tick] = 0.25 * least_m
+
+    # Obstacles within reach of the fastest braking way.
+    fastest_mps = max(abs(body[4]), abs(asked_v_mps)) + change[0]
+    reach_m = radius_m + ROOM_M + fastest_mps * dt_s * 2.0
+    reach_m += fastest_mps * fastest_mps * dt_s / (2.0 * change[0])
+    near = np.empty((points.shape[0], 2))
+    keeps2_m2 = np.empty(points.shape[0])
+    nears = 0
+    for point in range(points.shape[0]):
+        x_m, y_m = points[point, 0] - body[0], points[point, 1] - body[1]
+        apart2_m2 = x_m * x_m + y_m * y_m
+        if apart2_m2 < reach_m * reach_m:
+            near[nears, 0], near[nears, 1] = points[point, 0], points[point, 1]
+            keep_m = max(radius_m + TOUCH_M, np.sqrt(apart2_m2) - CREEP_M)
+            keep_m = min(radius_m + ROOM_M, keep_m)
+            keeps2_m2[nears] = keep_m * keep_m
+            nears += 1
+
+    way = np.empty((ticks, 2))
+    last = parts.shape[0]
+    blamed = BY_NONE
+    for number in range(last + 1):
+        # The last one stands for braking: it is what was announced, and taken come what may.
+        part = parts[number] if number < last else 0.0
+        turning = asked_w_radps if number < last else 0.0
+        v, w = reached(
+            body[4], body[5], part * asked_v_mps, turning, change, most, half_track_m
+        )
+        trial[4], trial[5] = v, w
+        announce.path(trial, dt_s, 0, way)
+        if number < last:
+            by = refused(way, body, own[0], peers, normals, bounds, near[:nears], keeps2_m2)
+            if by != BY_NONE:
+                if blamed == BY_NONE:
+                    blamed = by
+                continue
+        result[0], result[1], result[2], result[3] = v, w, part, blamed
+        break
+
+    # What is surely free from now on.
+    for peer in range(count):
+        age = int(peers[peer, AGE])
+        for tick in range(ticks):
+            bound_m = bounds[peer, tick]
+            if age == 1:
+                used_m = normals[peer, tick, 0] * (way[tick, 0] - own[0, tick, 0])
+                used_m += normals[peer, tick, 1] * (way[tick, 1] - own[0, tick, 1])
+                bound_m -= used_m
+            slack[peer, tick] = max(0.0, bound_m)
+
+
+@compiled
+def refused(
+    way: Floats,
+    body: Floats,
+    own: Floats,
+    peers: Floats,
+    normals: Floats,
+    bounds: Floats,
+    points: Floats,
+    keeps2_m2: Floats,
+) -> int:
+    """Row of the peer that a braking way comes too near to, BY_OBSTACLE, or BY_NONE."""
+    for peer in range(peers.shape[0]):
+        static = peers[peer, KIND] == STATIC
+        for tick in range(way.shape[0]):
+            x_m, y_m = way[tick, 0], way[tick, 1]
+            if static:
+                x_m -= body[0]
+                y_m -= body[1]
+            else:
+                x_m -= own[tick, 0]
+                y_m -= own[tick, 1]
+            bound_m = bounds[peer, tick] + ROUNDING_M
+            if static or peers[peer, AGE] == 1.0:
+                if normals[peer, tick, 0] * x_m + normals[peer, tick, 1] * y_m > bound_m:
+                    return peer
+            elif x_m * x_m + y_m * y_m > bound_m * bound_m:
+                return peer
+    for point in range(points.shape[0]):
+        from_x, from_y = body[0], body[1]
+        for tick in range(way.shape[0]):
+            to_x, to_y = way[tick, 0], way[tick, 1]
+            along_x, along_y = to_x - from_x, to_y - from_y
+            x_m, y_m = points[point, 0] - from_x, points[point, 1] - from_y
+            length2_m2 = along_x * along_x + along_y * along_y
+            if length2_m2 > 0.0:
+                share = (x_m * along_x + y_m * along_y) / length2_m2
+                share = max(0.0, min(1.0, share))
+                x_m -= share * along_x
+                y_m -= share * along_y
+            elif tick > 0:
+                break
+            if x_m * x_m + y_m * y_m < keeps2_m2[point]:
+                return BY_OBSTACLE
+            from_x, from_y = to_x, to_y
+    return BY_NONE

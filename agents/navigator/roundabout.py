@@ -1,0 +1,167 @@
+"""A virtual roundabout: robots whose straight ways conflict all go round one centre, to its right.
+
+    straight ways of both --closest approach--> conflicts --midpoints--> centre, remembered
+    bearings round the centre --gaps--> radius --tangent--> direction
+
+Nobody agrees with anybody: all see about the same conflicts, and so about the same centre.
+"""
+
+from __future__ import annotations
+
+from math import atan2, pi, sin, sqrt
+
+import msgspec
+import numpy as np
+
+from agents.navigator import table
+from agents.navigator.compiled import compiled
+from swarm.geometry import Floats, Vec2, length, wrap_angle
+
+HORIZON_S = 8.0  # of conflicts
+SPACING_M = 0.2  # hull to hull: less at the closest approach is a conflict
+ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
+# The centre follows what is seen of it by this part in a tick: as soon as all turn, straight ways
+# tell little of it. It is forgotten this long after the last conflict.
+FOLLOW = 0.02
+MEMORY_S = 0.8
+RADIUS_M_MAX = 8.0
+LONE_GAP = 1.6  # a gap this many times the mean one is not part of the ring
+INSIDE_RAD_MAX = 0.6  # inside the circle it goes outwards by this at most
+LEAVE_RAD = 0.6 * pi  # a goal further left of the centre than this is not beyond it
+SPEED_MIN = 0.3  # of the top speed; slower robots do not go round
+
+
+class State(msgspec.Struct, frozen=True):
+    """The centre, for as long as it is kept in mind."""
+
+    centre: Vec2 | None = None  # m, world
+    idle_s: float = 0.0  # since the last conflict
+
+
+def step(
+    state: State,
+    position: Vec2,
+    target: Vec2,
+    direction_rad: float,
+    speed_mps: float,
+    radius_m: float,
+    peers: Floats,
+    elapsed_s: float,
+) -> tuple[State, float | None]:
+    """Direction round the centre, None where the way is not round it.
+
+    Args:
+        target: m, world: what this robot announces as its own.
+        direction_rad: world, to where it goes without a roundabout.
+        speed_mps: its top speed.
+        peers: rows of `table`.
+    """
+    to_x, to_y = target[0] - position[0], target[1] - position[1]
+    met = np.zeros(len(peers), np.int64)
+    found = np.zeros(5)
+    if len(peers):
+        conflicts(to_x, to_y, speed_mps, radius_m, peers, met, found)
+    if found[0] > 0.0:
+        seen = (position[0] + float(found[1]), position[1] + float(found[2]))
+        if state.centre is None:
+            centre = seen
+        else:
+            centre = (
+                state.centre[0] + FOLLOW * (seen[0] - state.centre[0]),
+                state.centre[1] + FOLLOW * (seen[1] - state.centre[1]),
+            )
+        state = State(centre)
+    elif state.centre is None or state.idle_s + elapsed_s > MEMORY_S:
+        return State(), None
+    else:
+        state = State(state.centre, state.idle_s + elapsed_s)
+    assert state.centre is not None
+    x_m, y_m = state.centre[0] - position[0], state.centre[1] - position[1]
+    away_m = length(x_m, y_m)
+    bearings = [atan2(-y_m, -x_m)]
+    spacing_m = 2.0 * radius_m + SPACING_M
+    for row in met.nonzero()[0].tolist():
+        bearings.append(atan2(float(peers[row, 1]) - y_m, float(peers[row, 0]) - x_m))
+        spacing_m = max(spacing_m, radius_m + float(peers[row, table.RADIUS]) + SPACING_M)
+    ring_m = radius(bearings, spacing_m)
+    centre_rad = atan2(y_m, x_m)
+    if away_m > ring_m:
+        tangent_rad = atan2(ring_m, sqrt(away_m * away_m - ring_m * ring_m))
+    else:
+        tangent_rad = pi / 2.0 + min(INSIDE_RAD_MAX, ring_m - away_m)
+    aside_rad = wrap_angle(direction_rad - centre_rad)
+    if -tangent_rad < aside_rad < LEAVE_RAD:
+        return state, wrap_angle(centre_rad - tangent_rad)
+    return state, None
+
+
+def radius(bearings: list[float], spacing_m: float) -> float:
+    """Of a circle on which those at such bearings go at a distance from each other, m."""
+    if len(bearings) < 2:
+        return spacing_m / 2.0
+    order = sorted(bearings)
+    gaps = [after - before for before, after in zip(order, order[1:], strict=False)]
+    gaps.append(2.0 * pi - (order[-1] - order[0]))
+    mean_rad = 2.0 * pi / len(order)
+    largest_rad = max(gaps)
+    if largest_rad > LONE_GAP * mean_rad:
+        mean_rad = (2.0 * pi - largest_rad) / (len(order) - 1)
+    half = sin(min(pi, mean_rad) / 2.0)
+    return RADIUS_M_MAX if half <= 0.0 else min(RADIUS_M_MAX, spacing_m / (2.0 * half))
+
+
+@compiled
+def conflicts(
+    to_x: float,
+    to_y: float,
+    speed_mps: float,
+    radius_m: float,
+    peers: Floats,
+    met: Floats,
+    found: Floats,
+) -> None:
+    """Who comes too near if all drive straight, and the weighted mean of where.
+
+    Args:
+        to_x, to_y: m from here to the target.
+        met: (peers,) filled with 1 for a conflict.
+        found: how many there are, mean midpoint x and y from here.
+    """
+    way_m = np.sqrt(to_x * to_x + to_y * to_y)
+    if way_m <= 0.0:
+        return
+    v_x, v_y = speed_mps * to_x / way_m, speed_mps * to_y / way_m
+    weights = sum_x = sum_y = 0.0
+    count = 0.0
+    for row in range(peers.shape[0]):
+        if peers[row, table.ACTIVE] <= 0.0:
+            continue
+        x_m, y_m = peers[row, table.X], peers[row, table.Y]
+        go_x, go_y = peers[row, table.TARGET_X] - x_m, peers[row, table.TARGET_Y] - y_m
+        go_m = np.sqrt(go_x * go_x + go_y * go_y)
+        if go_m <= ARRIVED_M:
+            continue
+        peer_mps = peers[row, table.SPEED]
+        u_x, u_y = peer_mps * go_x / go_m, peer_mps * go_y / go_m
+        rel_x, rel_y = u_x - v_x, u_y - v_y
+        rel2 = rel_x * rel_x + rel_y * rel_y
+        if rel2 <= 0.0:
+            continue
+        after_s = -(x_m * rel_x + y_m * rel_y) / rel2
+        if after_s <= 0.0 or after_s > HORIZON_S:
+            continue
+        after_s = min(after_s, way_m / speed_mps, go_m / peer_mps)
+        near_x, near_y = x_m + after_s * rel_x, y_m + after_s * rel_y
+        touch_m = radius_m + peers[row, table.RADIUS] + SPACING_M
+        if near_x * near_x + near_y * near_y >= touch_m * touch_m:
+            continue
+        weight = 1.0 / (0.5 + after_s)
+        weights += weight
+        sum_x += weight * (after_s * v_x + 0.5 * near_x)
+        sum_y += weight * (after_s * v_y + 0.5 * near_y)
+        met[row] = 1
+        count += 1.0
+    found[0] = count
+    if count > 0.0:
+        found[1] = sum_x / weights
+        found[2] = sum_y / weights

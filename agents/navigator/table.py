@@ -1,0 +1,55 @@
+"""Peers as numbers, for the inner loops: one row each, relative to this robot.
+
+others --rows within SIGHT_M--> (peers, COLUMNS)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents import peers
+from agents.peers import Peer
+from swarm.geometry import Floats
+
+SIGHT_M = 5.5  # who is further away does not matter yet
+
+# Columns: where it is from here, m; the velocity it means to have, m/s; where it wants to go, m from
+# here; its top speed, body radius; whether it is on its way there; which part of giving way to it
+# is ours; whether it is a risk at all.
+X, Y, U_X, U_Y, TARGET_X, TARGET_Y, SPEED, RADIUS, ACTIVE, SHARE, RISK = range(11)
+COLUMNS = 11
+
+SHARE_OPEN = 0.5  # both give way alike
+SHARE_PARKED = 0.6  # one that stands at its goal makes room, but less
+SHARE_OTHERS = 0.8  # other controllers make little room
+
+
+def of(others: Sequence[Peer], x_m: float, y_m: float) -> tuple[Floats, list[Peer]]:
+    """Rows of the peers in sight that can move, and those peers, both in order of their names."""
+    rows: list[tuple[float, ...]] = []
+    seen: list[Peer] = []
+    for peer in others:
+        if peer.distance_m > SIGHT_M or peers.has_come_to_grief(peer.beacon):
+            continue
+        beacon, intent = peer.beacon, peer.beacon.intent
+        if intent is None:
+            u_x, u_y = peer.velocity()
+            target, active, share = None, 0.0, SHARE_OTHERS
+        else:
+            u_x, u_y = intent.velocity
+            target, active = intent.target, 1.0 if intent.active else 0.0
+            share = SHARE_PARKED if beacon.arrived else SHARE_OPEN
+        if target is None:
+            to_x, to_y, active = 0.0, 0.0, 0.0
+        else:
+            to_x, to_y = target[0] - x_m, target[1] - y_m
+        seen.append(peer)
+        rows.append(
+            (
+                *(peer.offset[0], peer.offset[1], u_x, u_y, to_x, to_y),
+                *(beacon.speed_mps_max, beacon.body_radius_m, active, share, 1.0),
+            )
+        )
+    return (np.array(rows) if rows else np.empty((0, COLUMNS))), seen
