@@ -22,14 +22,14 @@ from agents.navigator.compiled import compiled
 from agents.peers import Peer
 from agents.steering import Wish, clip
 from swarm import geometry
-from swarm.geometry import Floats, Twist
+from swarm.geometry import Floats, Twist, Vec2
 from swarm.messages import Beacon, Forces, Intent, Mode, Name, Promise, SensorFrame
 from swarm.scenario import RobotSetup
 
 __all__ = ["Aim", "State", "promise", "restrain", "send", "step"]
 
-# Parked within this part of the goal's tolerance, until it is further off than the other.
-PARKED_IN, PARKED_OUT = 0.6, 1.6
+# Parked within this part of the goal's tolerance, until it is further off than the other part of it.
+PARKED_IN, PARKED_OUT = 0.6, 0.95
 # What it brakes with towards the goal, of what the body can do.
 APPROACH = 0.7
 # A robot this near to its goal does not hurry because somebody comes.
@@ -43,6 +43,7 @@ class State(msgspec.Struct, frozen=True):
     giving: right_of_way.State = right_of_way.State()
     parked: bool = False
     intent: Intent = Intent()
+    chosen: Vec2 = (0.0, 0.0)  # m/s, world: velocity of the newest cell
     yields_to: Name | None = None
     pact: pact.State = pact.State()
 
@@ -117,6 +118,7 @@ def choose(
         way.direction_rad,
         way.speed_mps,
         frame.pose.yaw_rad,
+        state.chosen,
         state.intent.velocity,
         robot.body_radius_m,
         robot.speed_mps_max,
@@ -126,10 +128,16 @@ def choose(
         parked=state.parked,
         slow_mps=slow_mps,
     )
+    # Whoever announced less than its top speed would keep those behind it from going faster, and
+    # they it, for good; the guard sees to it that nobody relies on it.
     u_mps = choice.speed_mps
+    if u_mps > 0.0 and way.speed_mps >= robot.speed_mps_max:
+        u_mps = robot.speed_mps_max
     velocity = (u_mps * cos(choice.direction_rad), u_mps * sin(choice.direction_rad))
     intent = Intent(velocity, way.target, way.active)
-    return msgspec.structs.replace(state, intent=intent), choice
+    u_mps = choice.speed_mps
+    chosen = (u_mps * cos(choice.direction_rad), u_mps * sin(choice.direction_rad))
+    return msgspec.structs.replace(state, intent=intent, chosen=chosen), choice
 
 
 def drive(

@@ -57,6 +57,7 @@ def choose(
     speed_mps: float,
     yaw_rad: float,
     last: Vec2,
+    said: Vec2,
     radius_m: float,
     speed_mps_max: float,
     peers: Floats,
@@ -70,7 +71,8 @@ def choose(
 
     Args:
         direction_rad, speed_mps: preferred; world.
-        last: m/s, world: velocity that was announced last.
+        last: m/s, world: velocity that was chosen last.
+        said: m/s, world: velocity that was announced last, which peers count on.
         peers: rows of `table`.
         points: (n, 2) m from here, world axes: obstacles.
         slow_mps: no cell is faster.
@@ -83,6 +85,8 @@ def choose(
         wrap_angle(direction_rad - yaw_rad),
         last[0],
         last[1],
+        said[0],
+        said[1],
         radius_m,
         speed_mps_max,
         peers,
@@ -114,11 +118,13 @@ def contact_s(x_m: float, y_m: float, v_x: float, v_y: float, keep_m: float) -> 
 
 
 @compiled
-def peer_s(u_x: float, u_y: float, last_x: float, last_y: float, radius_m: float, row: Floats) -> float:
+def peer_s(
+    u_x: float, u_y: float, said_x: float, said_y: float, radius_m: float, row: Floats
+) -> float:
     """When a velocity brings this robot too near to a peer that does its share, s, inf if never."""
     share = row[table.SHARE]
-    v_x = (u_x - (1.0 - share) * last_x) / share - row[table.U_X]
-    v_y = (u_y - (1.0 - share) * last_y) / share - row[table.U_Y]
+    v_x = (u_x - (1.0 - share) * said_x) / share - row[table.U_X]
+    v_y = (u_y - (1.0 - share) * said_y) / share - row[table.U_Y]
     touch_m = radius_m + row[table.RADIUS]
     keep_m = touch_m + PEER_M
     apart2_m2 = row[table.X] * row[table.X] + row[table.Y] * row[table.Y]
@@ -135,6 +141,8 @@ def least(
     turn_rad: float,
     last_x: float,
     last_y: float,
+    said_x: float,
+    said_y: float,
     radius_m: float,
     speed_mps_max: float,
     peers: Floats,
@@ -157,7 +165,7 @@ def least(
     for row in range(count):
         if (
             peers[row, table.RISK] > 0.0
-            and peer_s(want_x, want_y, last_x, last_y, radius_m, peers[row]) < MEET_S
+            and peer_s(want_x, want_y, said_x, said_y, radius_m, peers[row]) < MEET_S
         ):
             meets = True
             break
@@ -167,7 +175,7 @@ def least(
     risk = 0.0
     for row in range(count):
         if peers[row, table.RISK] > 0.0:
-            after_s = peer_s(0.0, 0.0, last_x, last_y, radius_m, peers[row])
+            after_s = peer_s(0.0, 0.0, said_x, said_y, radius_m, peers[row])
             if after_s < PEER_S:
                 risk = max(risk, min(CONTACT_COST_MAX, PEER_S / max(after_s, 1e-3) - 1.0))
     best = (
@@ -225,7 +233,7 @@ def least(
             for row in range(count):
                 if peers[row, table.RISK] <= 0.0:
                     continue
-                after_s = peer_s(u_x, u_y, last_x, last_y, radius_m, peers[row])
+                after_s = peer_s(u_x, u_y, said_x, said_y, radius_m, peers[row])
                 if after_s < PEER_S:
                     soon = PEER_S / max(after_s, 1e-3) - 1.0
                     risk = max(risk, min(CONTACT_COST_MAX, soon))

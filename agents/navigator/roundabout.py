@@ -8,7 +8,7 @@ Nobody agrees with anybody: all see about the same conflicts, and so about the s
 
 from __future__ import annotations
 
-from math import atan2, pi, sin, sqrt
+from math import atan2, cos, pi, sin, sqrt
 
 import msgspec
 import numpy as np
@@ -19,13 +19,16 @@ from swarm.geometry import Floats, Vec2, length, wrap_angle
 
 HORIZON_S = 8.0  # of conflicts
 SPACING_M = 0.2  # hull to hull: less at the closest approach is a conflict
+RING_M = 0.2  # hull to hull on the ring
 ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
 # The centre follows what is seen of it by this part in a tick: as soon as all turn, straight ways
 # tell little of it. It is forgotten this long after the last conflict.
-FOLLOW = 0.02
-MEMORY_S = 0.8
+FOLLOW = 0.01
+MEMORY_S = 1.6
 RADIUS_M_MAX = 8.0
 LONE_GAP = 1.6  # a gap this many times the mean one is not part of the ring
+BEYOND_S = 1.5
+LEAVES = 0.95
 INSIDE_RAD_MAX = 0.6  # inside the circle it goes outwards by this at most
 LEAVE_RAD = 0.6 * pi  # a goal further left of the centre than this is not beyond it
 SPEED_MIN = 0.3  # of the top speed; slower robots do not go round
@@ -79,10 +82,10 @@ def step(
     x_m, y_m = state.centre[0] - position[0], state.centre[1] - position[1]
     away_m = length(x_m, y_m)
     bearings = [atan2(-y_m, -x_m)]
-    spacing_m = 2.0 * radius_m + SPACING_M
+    spacing_m = 2.0 * radius_m + RING_M
     for row in met.nonzero()[0].tolist():
         bearings.append(atan2(float(peers[row, 1]) - y_m, float(peers[row, 0]) - x_m))
-        spacing_m = max(spacing_m, radius_m + float(peers[row, table.RADIUS]) + SPACING_M)
+        spacing_m = max(spacing_m, radius_m + float(peers[row, table.RADIUS]) + RING_M)
     ring_m = radius(bearings, spacing_m)
     centre_rad = atan2(y_m, x_m)
     if away_m > ring_m:
@@ -90,6 +93,14 @@ def step(
     else:
         tangent_rad = pi / 2.0 + min(INSIDE_RAD_MAX, ring_m - away_m)
     aside_rad = wrap_angle(direction_rad - centre_rad)
+    if LEAVES and aside_rad < 0.0:
+        # Straight on to a goal that lies this side of the ring is out of everybody's way.
+        goal_m = length(to_x, to_y)
+        ahead_m = away_m * cos(aside_rad)
+        goal_x, goal_y = to_x - x_m, to_y - y_m
+        nearest_m = away_m if ahead_m <= 0.0 else length(goal_x, goal_y)
+        if (ahead_m <= 0.0 or ahead_m >= goal_m) and nearest_m >= LEAVES * min(ring_m, away_m):
+            return state, None
     if -tangent_rad < aside_rad < LEAVE_RAD:
         return state, wrap_angle(centre_rad - tangent_rad)
     return state, None
@@ -150,7 +161,8 @@ def conflicts(
         after_s = -(x_m * rel_x + y_m * rel_y) / rel2
         if after_s <= 0.0 or after_s > HORIZON_S:
             continue
-        after_s = min(after_s, way_m / speed_mps, go_m / peer_mps)
+        if after_s > min(way_m / speed_mps, go_m / peer_mps) - BEYOND_S:
+            continue
         near_x, near_y = x_m + after_s * rel_x, y_m + after_s * rel_y
         touch_m = radius_m + peers[row, table.RADIUS] + SPACING_M
         if near_x * near_x + near_y * near_y >= touch_m * touch_m:
