@@ -61,7 +61,9 @@ def step(
     reach_m = cells.OBSTACLE_S * setup.robot.speed_mps_max + setup.robot.body_radius_m + 0.1
     points = hits(frame, map, max(reach_m, right_of_way.SIGHT_M))
     peers, seen = table.of(others, frame.pose.x_m, frame.pose.y_m)
-    state, aim, way = give_way(setup, state, frame, aim, peers, seen, points, elapsed_s)
+    state, aim, way = give_way(
+        setup, state, frame, aim, others, peers, seen, points, elapsed_s
+    )
     state, choice = choose(setup, state, frame, aim, way, peers, points)
     return drive(setup, state, frame, aim, way, choice, points)
 
@@ -81,6 +83,7 @@ def give_way(
     state: State,
     frame: SensorFrame,
     aim: Aim,
+    others: Sequence[Peer],
     peers: Floats,
     seen: Sequence[Peer],
     points: Floats,
@@ -92,7 +95,7 @@ def give_way(
         PARKED_OUT if state.parked else PARKED_IN
     )
     giving, way = right_of_way.step(
-        setup, state.giving, frame, aim, peers, seen, points, elapsed_s, parked=parked
+        setup, state.giving, frame, aim, others, peers, seen, points, elapsed_s, parked=parked
     )
     state = msgspec.structs.replace(
         state, giving=giving, parked=parked, yields_to=way.yields_to

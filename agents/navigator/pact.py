@@ -41,7 +41,7 @@ OFF_M = 0.02
 PARTS = tuple([part / 20.0 for part in (20, 19, 18, 17, 16, 14, 12, 10, 8, 6, 4, 2, 1, 0)])
 # Room to obstacles on the braking way; where there is less, no nearer than they are by more than
 # CREEP_M in a tick, and never nearer than TOUCH_M.
-ROOM_M, CREEP_M, TOUCH_M = 0.02, 0.004, 0.002
+ROOM_M, CREEP_M, TOUCH_M = 0.03, 0.002, 0.01
 # Kept between bodies over what errors ask for, by each of two.
 GAP_M = 0.02
 

@@ -6,18 +6,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2
+from math import atan2, sqrt
 
 import msgspec
 
-from agents.navigator import roundabout, stuck
+from agents.navigator import gaps, roundabout, stuck, table
 from agents.navigator.aim import Aim
 from agents.peers import Peer
-from swarm.geometry import Floats, Vec2, wrap_angle
+from swarm.geometry import Floats, Vec2, length, wrap_angle
 from swarm.messages import Name, Passage, SensorFrame
 from swarm.scenario import RobotSetup
 
 SIGHT_M = 4.2  # as far as hits are looked at for gaps
+WAITING_M = 0.15  # this near to where it waits it stands
+APPROACH = 0.7  # it brakes for that with this part of what the body can do
 
 
 class State(msgspec.Struct, frozen=True):
@@ -25,7 +27,12 @@ class State(msgspec.Struct, frozen=True):
 
     roundabout: roundabout.State = roundabout.State()
     stuck: stuck.State = stuck.State()
-    passage: Passage | None = None
+    gap: gaps.State = gaps.State()
+
+    @property
+    def passage(self) -> Passage | None:
+        """Own claim, as announced."""
+        return self.gap.passage
 
 
 class Way(msgspec.Struct, frozen=True):
@@ -44,6 +51,7 @@ def step(
     state: State,
     frame: SensorFrame,
     aim: Aim,
+    others: Sequence[Peer],
     peers: Floats,
     seen: Sequence[Peer],
     points: Floats,
@@ -54,7 +62,8 @@ def step(
     """State and way at this tick.
 
     Args:
-        peers, seen: of `table.of`.
+        others: all that were heard lately.
+        peers, seen: of `table.of`; shares of those at the same gap are filled in.
         points: (n, 2) m from here, world axes.
     """
     robot = setup.robot
@@ -63,11 +72,38 @@ def step(
     target = aim.subgoal
     if parked:
         return State(), Way(direction_rad, 0.0, target, False)
-    stuck_ = stuck.step(state.stuck, position, aim.distance_m, elapsed_s, free=True)
+    gap, rule = gaps.step(
+        state.gap,
+        robot.name,
+        frame.tick,
+        position,
+        target,
+        robot.body_radius_m,
+        robot.speed_mps_max,
+        others,
+        points,
+    )
+    yields_to = None
+    waits = holds = False
+    if rule is not None:
+        assign(rule, peers, seen)
+        waits, yields_to = rule.waits, rule.yields_to
+        holds = gap.passage is not None and gap.passage.holds
+        to_x, to_y = rule.target[0] - position[0], rule.target[1] - position[1]
+        away_m = length(to_x, to_y)
+        direction_rad = atan2(to_y, to_x)
+        if waits:
+            brake_mps2 = APPROACH * robot.acceleration_mps2_max
+            speed_mps = min(speed_mps, sqrt(2.0 * brake_mps2 * away_m))
+            if away_m < WAITING_M and rule.face is not None:
+                speed_mps = 0.0
+                direction_rad = atan2(rule.face[1] - position[1], rule.face[0] - position[0])
+    free = not (waits or holds)
+    stuck_ = stuck.step(state.stuck, position, aim.distance_m, elapsed_s, free=free)
     circle, round_ = state.roundabout, False
     if stuck_.escape_s > 0.0:
         direction_rad = wrap_angle(direction_rad + stuck_.turn_rad())
-    elif speed_mps > roundabout.SPEED_MIN * robot.speed_mps_max:
+    elif free and speed_mps > roundabout.SPEED_MIN * robot.speed_mps_max:
         circle, turned_rad = roundabout.step(
             circle,
             position,
@@ -80,6 +116,16 @@ def step(
         )
         if turned_rad is not None:
             direction_rad, round_ = turned_rad, True
-    active = stuck_.escape_s <= 0.0
-    state = State(circle, stuck_, state.passage)
-    return state, Way(direction_rad, speed_mps, target, active, round_)
+    active = stuck_.escape_s <= 0.0 and not waits
+    state = State(circle, stuck_, gap)
+    return state, Way(direction_rad, speed_mps, target, active, round_, yields_to)
+
+
+def assign(rule: gaps.Rule, peers: Floats, seen: Sequence[Peer]) -> None:
+    """Fill in how much to make way for whom at a gap."""
+    rows = {peer.beacon.name: row for row, peer in enumerate(seen)}
+    for name, share, risk in rule.shares:
+        row = rows.get(name)
+        if row is not None:
+            peers[row, table.SHARE] = share
+            peers[row, table.RISK] = risk

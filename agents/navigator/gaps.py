@@ -1,0 +1,367 @@
+"""Claims to gaps in which two cannot pass each other: who waits beside the mouth, who goes through.
+
+    hits --narrow chord between walls--> mouth, axis --claim--> wants --granted--> holds --> through
+    peers' claims to the same gap: same direction follows as a platoon, opposite waits
+
+Two of opposite directions that have heard each other never both enter: the order (since, name) is
+total. No gap has a name: two claims mean the same where their axes lie on one line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+
+import msgspec
+import numpy as np
+
+from agents.navigator.compiled import compiled
+from agents.peers import Peer
+from swarm.geometry import Floats, Vec2, length
+from swarm.messages import Name, Passage
+
+# Of a gap: wider than a body by this, narrower than two by that.
+SLACK_M, TWO_ABREAST_M = 0.15, 0.25
+ASIDE_M, SIGHT_M = 0.8, 3.6  # its middle is this near to the straight way, and to the robot
+ACROSS_MIN = 0.35  # sine of the angle between chord and way
+FLANK_M, FLANK_NEAR_M = 1.4, 0.35  # both posts go on as walls: a hit this near to so far beyond
+CIRCLE_M = 0.04  # nothing stands inside the circle on the chord, less this
+DISTANCE_COST = 0.2  # of a chord further away
+BETTER_M = 0.01  # an outside robot replaces its chord by one no longer than this more
+OUTSIDE_M = 0.3
+INSIDE_M = 0.35  # nearer to the mouth than this it cannot give a passage back
+ZONE_M = 4.6  # a gap is followed so far along its axis
+CLEAR_M = 0.3  # beyond its end
+FAR_M = 4.2  # a mouth further away is forgotten
+# Two claims mean the same gap.
+ALONG_M, LATERAL_M, LATERAL_SHARE = 6.5, 0.6, 0.25
+OPPOSITE, SAME = -0.5, 0.7  # product of the axes
+# Grants.
+ANNOUNCED_TICKS = 6  # an opposite claimant has heard of it by then, whatever was lost
+NEAR_M, NEAR_FOLLOWER_M = 1.7, 3.2
+EMERGED_M = 0.2  # outside this mouth an opposite holder is through
+PLATOON_TICKS = 75  # who claims later than this after the oldest waiting opponent waits too
+HURRY_S = 0.3  # it may set out this long before the last opponent is through
+# Waiting beside the mouth: so far before it, to its right, one behind the other.
+WAIT_NEAR_M, WAIT_BEFORE_M, WAIT_STEP_M, WAIT_RIGHT_M = 3.0, 0.75, 0.55, 0.85
+ZIP_M = 0.5  # between those of a platoon that merge into the mouth
+AHEAD_M = 1.0  # inside it steers for the axis this far ahead
+SHARE_HOLDER, SHARE_WAITER = 0.3, 1.0
+
+
+class State(msgspec.Struct, frozen=True):
+    """This robot's claim and what it saw of the gap."""
+
+    passage: Passage | None = None
+    width_m: float = 0.0
+    exit_m: float = 0.0  # along the axis from the mouth
+
+
+class Rule(msgspec.Struct, frozen=True):
+    """What a claim makes of the way."""
+
+    target: Vec2  # m, world
+    waits: bool  # beside the mouth
+    face: Vec2 | None = None  # m, world: to look at while it stands there
+    yields_to: Name | None = None
+    shares: tuple[tuple[Name, float, float], ...] = ()  # (peer, share, risk) of the cells
+
+
+class Other(msgspec.Struct, frozen=True):
+    """A peer with a claim to the same gap, seen along this robot's axis."""
+
+    name: Name
+    key: tuple[int, Name]
+    along_m: float  # before the mouth it is negative
+    holds: bool
+    opposite: bool
+    speed_mps: float
+
+
+def step(
+    state: State,
+    name: Name,
+    tick: int,
+    position: Vec2,
+    target: Vec2,
+    radius_m: float,
+    speed_mps: float,
+    others: Sequence[Peer],
+    points: Floats,
+) -> tuple[State, Rule | None]:
+    """State at this tick, and what it makes of the way to `target`; None: nothing.
+
+    Args:
+        target: m, world: next point on the way.
+        others: peers heard lately.
+        points: (n, 2) m from here, world axes: obstacles in sight.
+    """
+    state = look(state, tick, position, target, radius_m, points)
+    mine = state.passage
+    if mine is None:
+        return state, None
+    along_m, _ = of_axis(mine, position)
+    near = [
+        other for peer in others if (other := same_gap(mine, peer)) is not None
+    ]
+    against = [
+        one for one in near if one.opposite and not (one.holds and one.along_m < -EMERGED_M)
+    ]
+    beside = [one for one in near if not one.opposite]
+    holds = grant(mine, name, tick, along_m, state.exit_m, speed_mps, beside, against)
+    if holds != mine.holds:
+        mine = msgspec.structs.replace(mine, holds=holds)
+        state = msgspec.structs.replace(state, passage=mine)
+    return state, rule(mine, name, position, along_m, target, state.exit_m, beside, against)
+
+
+def look(
+    state: State, tick: int, position: Vec2, target: Vec2, radius_m: float, points: Floats
+) -> State:
+    """State after what is seen: a gap is found, seen better, left behind."""
+    mine = state.passage
+    to_x, to_y = target[0] - position[0], target[1] - position[1]
+    along_m = 0.0
+    if mine is not None:
+        along_m, aside_m = of_axis(mine, position)
+        behind = (target[0] - mine.mouth[0]) * mine.axis[0] + (
+            target[1] - mine.mouth[1]
+        ) * mine.axis[1]
+        away_m = length(mine.mouth[0] - position[0], mine.mouth[1] - position[1])
+        if (
+            along_m > state.exit_m
+            or behind <= 0.0
+            or (along_m < 0.0 and away_m > FAR_M)
+            or (along_m > OUTSIDE_M and abs(aside_m) > state.width_m)
+        ):
+            state, mine = State(), None
+    if mine is None or along_m < -OUTSIDE_M:
+        found = np.zeros(5)
+        least_m, most_m = 2.0 * radius_m + SLACK_M, 4.0 * radius_m + TWO_ABREAST_M
+        if len(points) > 1:
+            find(points, to_x, to_y, least_m, most_m, found)
+        if found[0] > 0.0 and (mine is None or found[0] <= state.width_m + BETTER_M):
+            mouth = (position[0] + float(found[1]), position[1] + float(found[2]))
+            axis = (float(found[3]), float(found[4]))
+            since, holds = (tick, False) if mine is None else (mine.since, mine.holds)
+            if mine is None or same_line(mine, mouth, axis) > SAME:
+                mine = Passage(holds, mouth, axis, since)
+                state = State(mine, float(found[0]), max(state.exit_m, radius_m + CLEAR_M))
+    if mine is not None:
+        end_m = end(
+            points,
+            mine.mouth[0] - position[0],
+            mine.mouth[1] - position[1],
+            mine.axis[0],
+            mine.axis[1],
+            0.5 * state.width_m + CLEAR_M,
+        )
+        exit_m = end_m + radius_m + CLEAR_M
+        if exit_m > state.exit_m:
+            state = msgspec.structs.replace(state, exit_m=exit_m)
+    return state
+
+
+def of_axis(mine: Passage, place: Vec2) -> tuple[float, float]:
+    """How far a place lies beyond the mouth along the axis, and to the left of it."""
+    x_m, y_m = place[0] - mine.mouth[0], place[1] - mine.mouth[1]
+    return (
+        x_m * mine.axis[0] + y_m * mine.axis[1],
+        y_m * mine.axis[0] - x_m * mine.axis[1],
+    )
+
+
+def same_line(mine: Passage, mouth: Vec2, axis: Vec2) -> float:
+    """Product of the axes where a claim lies on the line of one's own, 0.0 elsewhere."""
+    along_m, aside_m = of_axis(mine, mouth)
+    if abs(along_m) > ALONG_M or abs(aside_m) >= LATERAL_M + LATERAL_SHARE * abs(along_m):
+        return 0.0
+    return mine.axis[0] * axis[0] + mine.axis[1] * axis[1]
+
+
+def same_gap(mine: Passage, peer: Peer) -> Other | None:
+    """A peer that claims the gap of one's own claim."""
+    theirs = peer.beacon.passage
+    if theirs is None:
+        return None
+    product = same_line(mine, theirs.mouth, theirs.axis)
+    if OPPOSITE <= product <= SAME:
+        return None
+    along_m, _ = of_axis(mine, (peer.pose.x_m, peer.pose.y_m))
+    return Other(
+        name=peer.beacon.name,
+        key=(theirs.since, peer.beacon.name),
+        along_m=along_m,
+        holds=theirs.holds,
+        opposite=product < 0.0,
+        speed_mps=peer.beacon.speed_mps_max,
+    )
+
+
+def grant(
+    mine: Passage,
+    name: Name,
+    tick: int,
+    along_m: float,
+    exit_m: float,
+    speed_mps: float,
+    beside: Sequence[Other],
+    against: Sequence[Other],
+) -> bool:
+    """Whether this robot holds the passage from now on.
+
+    Args:
+        beside, against: claims of this direction, and of the other as far as they are not through.
+    """
+    key = (mine.since, name)
+    holders = [one for one in against if one.holds]
+    first = min([key, *(one.key for one in beside)])
+    opponent = min([one.key for one in against], default=None)
+    if along_m > -INSIDE_M:
+        # Inside, all that can be given back is the way out, by those whose direction is worse.
+        inside = [one for one in holders if one.along_m < exit_m]
+        mates = [one.key for one in beside if one.holds and one.along_m > -INSIDE_M]
+        return not inside or min([key, *mates]) < min(one.key for one in inside)
+    if mine.holds:
+        return not holders or key < min(one.key for one in holders)
+    if tick - mine.since < ANNOUNCED_TICKS:
+        return False
+    approach_s = -along_m / speed_mps - HURRY_S
+    if any((one.along_m + EMERGED_M) / one.speed_mps > approach_s for one in holders):
+        return False
+    followed = any(one.holds for one in beside)
+    if -along_m > (NEAR_FOLLOWER_M if followed else NEAR_M):
+        return False
+    if opponent is None or first < opponent:
+        return True
+    return followed and mine.since <= opponent[0] + PLATOON_TICKS
+
+
+def rule(
+    mine: Passage,
+    name: Name,
+    position: Vec2,
+    along_m: float,
+    target: Vec2,
+    exit_m: float,
+    beside: Sequence[Other],
+    against: Sequence[Other],
+) -> Rule | None:
+    """Where to go under a claim."""
+    shares = [
+        *((one.name, 1.0, 1.0) for one in beside if one.along_m > along_m),
+        *((one.name, 0.5, 0.0) for one in beside if one.along_m <= along_m),
+    ]
+    (x_m, y_m), (ahead_x, ahead_y) = mine.mouth, mine.axis
+    if mine.holds:
+        shares += [(one.name, SHARE_HOLDER, 1.0) for one in against if not one.holds]
+        if along_m > -INSIDE_M:
+            on_m = min(along_m + AHEAD_M, exit_m)
+            if along_m + AHEAD_M > exit_m:
+                return Rule(target, False, shares=tuple(shares))
+            place = (x_m + on_m * ahead_x, y_m + on_m * ahead_y)
+            return Rule(place, False, shares=tuple(shares))
+        rank = sum(along_m < one.along_m < -INSIDE_M for one in beside if one.holds)
+        before_m = -ZIP_M * rank if rank else 0.0
+        place = (x_m + before_m * ahead_x, y_m + before_m * ahead_y)
+        return Rule(place, False, shares=tuple(shares))
+    shares += [(one.name, SHARE_WAITER, 1.0) for one in against if one.holds]
+    key = (mine.since, name)
+    first = min([key, *(one.key for one in beside)])
+    blocking = [one for one in against if one.holds or one.key < first]
+    if not blocking or (-along_m > WAIT_NEAR_M):
+        return Rule(target, False, shares=tuple(shares)) if shares else None
+    rank = sum(along_m < one.along_m < 0.0 for one in beside if not one.holds)
+    back_m = WAIT_BEFORE_M + WAIT_STEP_M * rank
+    place = (
+        x_m - back_m * ahead_x + WAIT_RIGHT_M * ahead_y,
+        y_m - back_m * ahead_y - WAIT_RIGHT_M * ahead_x,
+    )
+    first_of_them = min(blocking, key=lambda one: (not one.holds, one.key))
+    return Rule(place, True, mine.mouth, first_of_them.name, tuple(shares))
+
+
+@compiled
+def find(
+    points: Floats, to_x: float, to_y: float, least_m: float, most_m: float, found: Floats
+) -> None:
+    """Narrow chord between two walls that the way leads through.
+
+    Args:
+        points: (n, 2) m from here.
+        to_x, to_y: m from here to the target.
+        found: (5,) width, middle, axis; the width stays 0.0 where there is none.
+    """
+    count = points.shape[0]
+    way_m = sqrt(to_x * to_x + to_y * to_y)
+    if way_m <= 0.0:
+        return
+    way_x, way_y = to_x / way_m, to_y / way_m
+    best = np.inf
+    for one in range(count):
+        for other in range(one + 1, count):
+            x_m = points[other, 0] - points[one, 0]
+            y_m = points[other, 1] - points[one, 1]
+            width2_m2 = x_m * x_m + y_m * y_m
+            if width2_m2 <= least_m * least_m or width2_m2 >= most_m * most_m:
+                continue
+            width_m = sqrt(width2_m2)
+            middle_x = 0.5 * (points[one, 0] + points[other, 0])
+            middle_y = 0.5 * (points[one, 1] + points[other, 1])
+            ahead_m = middle_x * way_x + middle_y * way_y
+            if ahead_m <= 0.0 or ahead_m >= way_m:
+                continue
+            if abs(middle_y * way_x - middle_x * way_y) > ASIDE_M:
+                continue
+            away_m = sqrt(middle_x * middle_x + middle_y * middle_y)
+            cost = width_m + DISTANCE_COST * away_m
+            if away_m > SIGHT_M or cost >= best:
+                continue
+            unit_x, unit_y = x_m / width_m, y_m / width_m
+            if abs(unit_x * way_y - unit_y * way_x) < ACROSS_MIN:
+                continue
+            radius_m = 0.5 * width_m - CIRCLE_M
+            open_ = True
+            before = after = False
+            before_x = points[one, 0] - FLANK_M * unit_x
+            before_y = points[one, 1] - FLANK_M * unit_y
+            after_x = points[other, 0] + FLANK_M * unit_x
+            after_y = points[other, 1] + FLANK_M * unit_y
+            for hit in range(count):
+                hit_x, hit_y = points[hit, 0], points[hit, 1]
+                off_x, off_y = hit_x - middle_x, hit_y - middle_y
+                if off_x * off_x + off_y * off_y < radius_m * radius_m:
+                    open_ = False
+                    break
+                off_x, off_y = hit_x - before_x, hit_y - before_y
+                if off_x * off_x + off_y * off_y < FLANK_NEAR_M * FLANK_NEAR_M:
+                    before = True
+                off_x, off_y = hit_x - after_x, hit_y - after_y
+                if off_x * off_x + off_y * off_y < FLANK_NEAR_M * FLANK_NEAR_M:
+                    after = True
+            if not (open_ and before and after):
+                continue
+            best = cost
+            axis_x, axis_y = -unit_y, unit_x
+            if axis_x * way_x + axis_y * way_y < 0.0:
+                axis_x, axis_y = -axis_x, -axis_y
+            found[0], found[1], found[2] = width_m, middle_x, middle_y
+            found[3], found[4] = axis_x, axis_y
+
+
+@compiled
+def end(
+    points: Floats, mouth_x: float, mouth_y: float, axis_x: float, axis_y: float, half_m: float
+) -> float:
+    """How far along the axis there are hits on both sides, m from the mouth."""
+    left_m = right_m = 0.0
+    for hit in range(points.shape[0]):
+        x_m, y_m = points[hit, 0] - mouth_x, points[hit, 1] - mouth_y
+        along_m = x_m * axis_x + y_m * axis_y
+        aside_m = y_m * axis_x - x_m * axis_y
+        if 0.0 < along_m < ZONE_M and abs(aside_m) < half_m:
+            if aside_m > 0.0:
+                left_m = max(left_m, along_m)
+            else:
+                right_m = max(right_m, along_m)
+    return min(left_m, right_m)
