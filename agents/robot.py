@@ -127,7 +127,10 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     role = role_of(setup, state)
     if frame.goal is not None and role != "follower":
         errand = Mission(frame.goal)
-        state = msgspec.structs.replace(state, mission=errand, seeking=seek.State())
+        navigating = navigator.redirect(state.navigating)
+        state = msgspec.structs.replace(
+            state, mission=errand, seeking=seek.State(), navigating=navigating
+        )
 
     # 2. Look: the map, without the bodies that are dealt with as peers.
     masked = [peer for peer in others if is_masked(setup, role, peer)]
@@ -146,11 +149,12 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         wish = Wish(mode="HOLD", reason="sensors")
     else:
         careful = squeeze(setup, frame.pose, state.bodies)
-        state, wish = decide(careful, state, role, frame, map, others, elapsed_s)
+        state, wish = decide(careful, state, role, frame, map, others, elapsed_s, late)
         if complaint == "motors":  # it goes on asking, so it notices when they come back
             wish = msgspec.structs.replace(wish, mode="HOLD", reason="motors")
 
     # 4. Give way, slew, guard.
+    navigates = role == "alone" and setup.robot.controller == "navigator"
     claim = priority.claim(role, state.slot, setup.row)
     waiting = priority.step(
         setup,
@@ -160,11 +164,14 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         frame.pose,
         frame.twist,
         wish.direction_rad(frame.pose.yaw_rad),
-        others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") else (),
+        others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") and not navigates else (),
         elapsed_s,
     )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
-    set_point, allowed = restrain(setup, frame, late, asked, map, others)
+    if navigates:
+        set_point, allowed = navigator.hold(setup, state.navigating, frame, map, late, asked)
+    else:
+        set_point, allowed = restrain(setup, frame, late, asked, map, others)
     if wish.reason in ("contact", "sensors") or not is_finite(set_point):
         set_point = Twist(0.0, health.PROBE_RADPS) if probes(frame, well) else STILL
     limited = wish.saturated or waiting.yields_to is not None or set_point != asked
@@ -345,6 +352,7 @@ def decide(
     map: msam.Map,
     others: list[Peer],
     elapsed_s: float,
+    late: lateness.State,
 ) -> tuple[State, Wish]:
     """State and wish of the mode that is in force. The only place that knows controllers."""
     if role == "leader":
@@ -383,7 +391,9 @@ def decide(
         return replace(state, own=memory), wish
     if setup.robot.controller == "navigator":
         bound = mission.bound_for(setup, errand)
-        navigating, wish = navigator.step(bound, state.navigating, frame, map, others, elapsed_s)
+        navigating, wish = navigator.step(
+            bound, state.navigating, frame, map, others, elapsed_s, late
+        )
         return replace(state, navigating=navigating), wish
     seeking, wish = seek.step(
         mission.bound_for(setup, errand),
@@ -562,7 +572,8 @@ def beacon(
     """
     robot = setup.robot
     leads = role == "leader"
-    errand, passed = state.mission, state.seeking.via_index
+    errand = state.mission
+    passed = max(state.seeking.via_index, state.navigating.via_index)
     elected = state.election
     followed = election.is_followed(elected, patience_ticks(setup))
     return Beacon(
