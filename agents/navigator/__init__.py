@@ -10,7 +10,7 @@ Each stage is a module of pure functions with a state of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, cos
+from math import atan2, cos, pi
 
 import msgspec
 import numpy as np
@@ -35,6 +35,8 @@ __all__ = ["Aim", "State", "hold", "redirect", "step"]
 # remembers nearby: the first time within so much, then within twice and thrice that, and again.
 STILL_S, STILL_MPS, STILL_RADPS = 1.0, 0.03, 0.2
 DOUBT_M, DOUBTS = 1.5, 3
+# Likewise one that has not left a place of this size for so long and a turn.
+PLACE_M, PLACE_S = 0.2, 3.0
 # Without a way for so long it forgets all that it does not see, once; the second time it gives up.
 CLOSED_S = 3.0
 NEARER_M = 0.15  # nearer to the goal than ever by this is headway
@@ -50,12 +52,15 @@ class State(msgspec.Struct, frozen=True):
     way: Way | None = None
     turn_sense: int = -1  # of the last turn; at first to the right
     still_s: float = 0.0
+    place: Vec2 | None = None  # where it has been since place_s
+    place_s: float = 0.0
     doubts: int = 0
     closed_s: float = 0.0  # without a way
     forgot: bool = False  # all that it does not see, for want of a way
     best_m: float = 1e9  # nearest to the goal so far
     best_s: float = 0.0  # since then
     failed: Reason = ""  # there is no way; for good
+    held: bool = False  # in the tick before: it waited for others
 
 
 def redirect(state: State) -> State:
@@ -80,6 +85,8 @@ def step(
     if state.failed:
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
     state, aim = give_way(setup, state, frame, others, aim, elapsed_s)
+    if aim.held != state.held:
+        state = msgspec.structs.replace(state, held=aim.held)
     direction_rad, speed_mps = choose(setup, state, frame, map, others, aim)
     return drive(setup, state, seen, frame, map, direction_rad, speed_mps, aim)
 
@@ -156,24 +163,31 @@ def doubt(
 ) -> tuple[State, Memory]:
     """State and memory after a look at whether the robot is stuck in what it remembers."""
     replace = msgspec.structs.replace
+    if state.held:
+        return replace(state, still_s=0.0, place=None), known
     rules = law(setup.navigator, setup.robot.body_radius_m)
     if state.closed_s > CLOSED_S and not state.forgot:
         known = memory.empty(rules, frame.pose, known.version + 1)
         return replace(state, forgot=True, closed_s=0.0, way=None), known
     twist = frame.twist
+    here, place, place_s = (frame.pose.x_m, frame.pose.y_m), state.place, state.place_s + elapsed_s
+    if place is None or geometry.length(here[0] - place[0], here[1] - place[1]) > PLACE_M:
+        place, place_s = here, 0.0
     moves = abs(twist.speed_mps) > STILL_MPS or abs(twist.turn_rate_radps) > STILL_RADPS
     still_s = 0.0 if moves or state.way is None else state.still_s + elapsed_s
-    if still_s <= STILL_S:
-        return replace(state, still_s=still_s), known
+    if still_s <= STILL_S and place_s <= PLACE_S + pi / setup.robot.turn_rate_radps_max:
+        return replace(state, still_s=still_s, place=place, place_s=place_s), known
     radius_m = DOUBT_M * (1 + state.doubts % DOUBTS)
     known = memory.without(rules, known, frame.pose, radius_m)
-    return replace(state, still_s=0.0, doubts=state.doubts + 1), known
+    return replace(state, still_s=0.0, place=here, place_s=0.0, doubts=state.doubts + 1), known
 
 
 def give_up(setup: RobotSetup, state: State, goal_m: float, elapsed_s: float) -> State:
     """State with what there is to say about there being no way."""
     replace = msgspec.structs.replace
     assert state.way is not None
+    if state.held:
+        elapsed_s = 0.0
     closed_s = state.closed_s + elapsed_s if state.way.closed else 0.0
     best_m, best_s = state.best_m, state.best_s + elapsed_s
     if goal_m < best_m - NEARER_M:

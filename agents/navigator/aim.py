@@ -16,3 +16,4 @@ class Aim(msgspec.Struct, frozen=True):
     distance_m: float  # along the way to the goal
     is_last: bool  # whether the goal itself comes next, not a way-point
     reason: str = ""  # why there is no way; "" when there is one
+    held: bool = False  # it waits for others, so that clocks of the way stand

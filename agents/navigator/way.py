@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from agents.navigator import search
 from agents.navigator.compiled import compiled
-from agents.navigator.law import FREE, Ints, Law
+from agents.navigator.law import DESPERATE_M, DOUBTFUL_M, FREE, Ints, Law
 from agents.navigator.memory import Field, Memory, nearest, within
 from swarm import geometry
 from swarm.geometry import Floats, Pose, Vec2
@@ -57,6 +57,8 @@ class Way(msgspec.Struct, frozen=True):
     index: int = 0  # of the cell that the robot is nearest to
     version: int = -1  # of the memory that it was planned in
     ticks: int = 0  # since then
+    origin_mm: tuple[int, int] = (0, 0)  # of its window, on whose border it may end
+    hard_mm: float = 0.0  # as little room as its hardest bit has, by the law's steps
     search: Search | None = None
     closed: bool = False  # there is none
 
@@ -93,7 +95,7 @@ def step(
         path_mm, planned = way.path_mm(), way.planned()
         index, off_mm = progress(path_mm, *memory.origin_mm, way.index, x_mm, y_mm)
         way = replace(way, index=index)
-        needed = off_mm > OFF_MM
+        needed = off_mm > OFF_MM or way.origin_mm != memory.origin_mm
         if not needed and memory.version != way.version:
             now = cost_along(
                 field_mm,
@@ -194,7 +196,22 @@ def _search(
     path_mm += np.array(memory.origin_mm)
     if (int(traced[-1, 0]), int(traced[-1, 1])) == goal:
         path_mm[-1] = (nearest(1000.0 * way.target[0]), nearest(1000.0 * way.target[1]))
-    return Way(way.target, path_mm.tobytes(), traced[:, 2].tobytes(), version=version)
+    return Way(
+        way.target,
+        path_mm.tobytes(),
+        traced[:, 2].tobytes(),
+        version=version,
+        origin_mm=memory.origin_mm,
+        hard_mm=_hardest_mm(law, field_mm, traced),
+    )
+
+
+def _hardest_mm(law: Law, field_mm: Field, traced: Ints) -> float:
+    """Room that a way asks for: as usual, or less where it has bits with less."""
+    i, j = traced[search.NEAR_CELLS + 1 :, 0], traced[search.NEAR_CELLS + 1 :, 1]
+    least_mm = float(field_mm[i, j].min(initial=law.reach_mm)) - law.radius_mm
+    steps_mm = (law.hard_mm, 1000.0 * DOUBTFUL_M, 1000.0 * DESPERATE_M)
+    return next((step_mm for step_mm in steps_mm if least_mm >= step_mm), steps_mm[-1])
 
 
 def subgoal(
@@ -221,7 +238,7 @@ def subgoal(
         law.cell_mm,
         law.shares,
         law.radius_mm,
-        law.hard_mm,
+        way.hard_mm,
         min(1000.0 * look_m, LOOK_MM_MAX),
         chord_factor,
     )
@@ -418,4 +435,8 @@ def farthest(
             refused += 1
             if refused == REFUSED_MAX:
                 break
+    dx = path_mm[best, 0] - origin_x - x_mm
+    dy = path_mm[best, 1] - origin_y - y_mm
+    if best + 1 < len(path_mm) and dx * dx + dy * dy < cell_mm * cell_mm:
+        best += 1  # it is there already; whether it can go on is for the guard to say
     return best
