@@ -174,7 +174,9 @@ def doubt(
     if place is None or geometry.length(here[0] - place[0], here[1] - place[1]) > PLACE_M:
         place, place_s = here, 0.0
     moves = abs(twist.speed_mps) > STILL_MPS or abs(twist.turn_rate_radps) > STILL_RADPS
-    still_s = 0.0 if moves or state.way is None else state.still_s + elapsed_s
+    if state.way is None or state.way.closed:
+        moves, place_s = True, 0.0
+    still_s = 0.0 if moves else state.still_s + elapsed_s
     if still_s <= STILL_S and place_s <= PLACE_S + pi / setup.robot.turn_rate_radps_max:
         return replace(state, still_s=still_s, place=place, place_s=place_s), known
     radius_m = DOUBT_M * (1 + state.doubts % DOUBTS)
