@@ -6,7 +6,7 @@ The window is a square anchored in the world that is moved on, by whole cells, w
 its border. Points and distances are whole millimetres from the middle of its middle cell; a cell
 is centred on a multiple of its size, so that mirrored robots have mirrored windows.
 
-A State keeps points (6 bytes each) and a field (2 bytes a cell, 98 kB as the defaults are) that
+A State keeps points (5 bytes each) and a field (2 bytes a cell, 98 kB as the defaults are) that
 lags behind: it is shared by successive States, and the newest points are stamped into a copy that
 lives for a tick.
 """
@@ -384,8 +384,11 @@ def remember(
         elif index < known:
             missed[index] = 0
             continue
-        elif range_m >= ranges[index - known]:
+        elif range_m > ranges[index - known]:
             continue
+        elif range_m == ranges[index - known]:  # perhaps mirror images: their middle
+            px_mm = nearest((px_mm + int(points[index, 0])) / 2)
+            py_mm = nearest((py_mm + int(points[index, 1])) / 2)
         points[index, 0] = px_mm
         points[index, 1] = py_mm
         ranges[index - known] = range_m

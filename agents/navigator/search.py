@@ -133,7 +133,7 @@ def seed(
                 size = push(keys, cells, size, key, cell)
         return size
     # The goal lies outside: only differences between border cells matter, and stay small numbers.
-    least = -1.0
+    least = -1
     for turn in range(2):
         for edge in range(4 * (side - 1)):
             along = edge % (side - 1)
@@ -147,14 +147,13 @@ def seed(
                 i, j = 0, side - 1 - along
             if straight[int(field_mm[i, j])] != FREE:
                 continue
-            dx, dy = float(i - goal_i), float(j - goal_j)
-            away = np.sqrt(dx * dx + dy * dy)
+            away = estimate(i - goal_i, j - goal_j)
             if turn == 0:
-                if least < 0.0 or away < least:
+                if least < 0 or away < least:
                     least = away
                 continue
             cell = i * side + j
-            costs[cell] = int(FREE * (away - least) + 0.5)
+            costs[cell] = away - least
             steps[cell] = SEED
             f = int(costs[cell]) + estimate(i - start_i, j - start_j)
             key = (f << LINE_BITS) + line_key(i, j, start_i, start_j, line_x, line_y)

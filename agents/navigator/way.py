@@ -246,18 +246,6 @@ def subgoal(
     return (there_x_mm / 1000.0, there_y_mm / 1000.0), index
 
 
-def remaining_m(law: Law, way: Way, pose: Pose) -> float:
-    """Distance along the way to the target; straight on where there is none."""
-    x_m, y_m = pose.x_m, pose.y_m
-    length_m = 0.0
-    if way.path:
-        path_mm = way.path_mm()
-        length_m = length_mm(path_mm, way.index) / 1000.0
-        x_mm, y_mm = path_mm[-1].tolist()
-        x_m, y_m = x_mm / 1000.0, y_mm / 1000.0
-    return length_m + geometry.length(way.target[0] - x_m, way.target[1] - y_m)
-
-
 def _cell(law: Law, x_mm: float, y_mm: float) -> tuple[int, int]:
     return (
         nearest(x_mm / law.cell_mm) + law.half_cells,
@@ -350,17 +338,6 @@ def cost_along(
             return -1
         cost += more
     return cost
-
-
-@compiled
-def length_mm(path_mm: Path, index: int) -> float:
-    """Length of the rest of the way."""
-    total = 0.0
-    for place in range(index + 1, len(path_mm)):
-        dx = float(path_mm[place, 0] - path_mm[place - 1, 0])
-        dy = float(path_mm[place, 1] - path_mm[place - 1, 1])
-        total += np.sqrt(dx * dx + dy * dy)
-    return float(total)
 
 
 @compiled
