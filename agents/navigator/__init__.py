@@ -13,13 +13,12 @@ from collections.abc import Sequence
 from math import atan2, cos, pi
 
 import msgspec
-import numpy as np
 
 from agents import lateness, msam, steering
 from agents.guard import Limit
 from agents.navigator import brake, forces, memory, predict, speed, way
 from agents.navigator.aim import Aim
-from agents.navigator.law import law
+from agents.navigator.law import Law, law
 from agents.navigator.memory import Memory
 from agents.navigator.way import Way
 from agents.peers import Peer
@@ -113,10 +112,8 @@ def look(
     # 1. Remember.
     known = state.memory or memory.empty(rules, pose)
     known = memory.shifted(rules, known, pose)
-    state, known = doubt(setup, state, known, frame, elapsed_s)
-    known, field_mm = memory.observe(
-        rules, known, seen.pose, seen.ranges_m(), np.array(map.beams_m)
-    )
+    state, known = doubt(setup, rules, state, known, frame, elapsed_s)
+    known, field_mm = memory.observe(rules, known, seen.pose, seen.ranges_m(), map.ranges_m)
     # 2. Find the way.
     tolerance_m = setup.robot.goal_tolerance_m if is_last else setup.robot.via_tolerance_m
     found = way.step(rules, state.way, known, field_mm, pose, target, tolerance_m)
@@ -159,13 +156,12 @@ def target_of(setup: RobotSetup, state: State) -> tuple[Vec2, bool]:
 
 
 def doubt(
-    setup: RobotSetup, state: State, known: Memory, frame: SensorFrame, elapsed_s: float
+    setup: RobotSetup, rules: Law, state: State, known: Memory, frame: SensorFrame, elapsed_s: float
 ) -> tuple[State, Memory]:
     """State and memory after a look at whether the robot is stuck in what it remembers."""
     replace = msgspec.structs.replace
     if state.held:
         return replace(state, still_s=0.0, place=None), known
-    rules = law(setup.navigator, setup.robot.body_radius_m)
     if state.closed_s > CLOSED_S and not state.forgot:
         known = memory.empty(rules, frame.pose, known.version + 1)
         return replace(state, forgot=True, closed_s=0.0, way=None), known
@@ -286,5 +282,4 @@ def obstacles(
     """(points, 2) m, world axes, from the robot's centre: what it sees and remembers in reach."""
     rules = law(setup.navigator, setup.robot.body_radius_m)
     known = state.memory or memory.empty(rules, frame.pose)
-    hits_m = np.array(map.beams_m)
-    return memory.around(rules, known, seen.pose, hits_m, frame.pose, reach_m)
+    return memory.around(rules, known, seen.pose, map.ranges_m, frame.pose, reach_m)

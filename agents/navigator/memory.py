@@ -22,7 +22,7 @@ import numpy.typing as npt
 from agents.navigator.compiled import compiled
 from agents.navigator.law import Law
 from swarm import geometry
-from swarm.geometry import Floats, Pose, Vec2
+from swarm.geometry import Floats, Pose, Ranges, Vec2
 
 Points = npt.NDArray[np.int16]  # (points, 2) mm, window
 Counts = npt.NDArray[np.uint8]
@@ -93,7 +93,7 @@ def within(memory: Memory, x_m: float, y_m: float) -> Vec2:
 
 
 def observe(
-    law: Law, memory: Memory, pose: Pose, seen_m: geometry.Ranges, hits_m: Floats
+    law: Law, memory: Memory, pose: Pose, seen_m: Ranges, hits_m: Ranges
 ) -> tuple[Memory, Field]:
     """Memory after one scan, and the distances to all that is in it.
 
@@ -154,7 +154,7 @@ def observe(
 
 
 def around(
-    law: Law, memory: Memory, seen_from: Pose, hits_m: Floats, pose: Pose, reach_m: float
+    law: Law, memory: Memory, seen_from: Pose, hits_m: Ranges, pose: Pose, reach_m: float
 ) -> Floats:
     """(points, 2) m, world axes, from a pose: hits of this scan and points remembered, in reach.
 
@@ -290,8 +290,8 @@ def remember(
     points_mm: Points,
     misses: Counts,
     points_max: int,
-    seen_m: geometry.Ranges,
-    hits_m: Floats,
+    seen_m: Ranges,
+    hits_m: Ranges,
     units: Floats,
     bounds: Floats,
     x_mm: float,
@@ -309,6 +309,7 @@ def remember(
     """
     known = len(points_mm)
     beams = len(hits_m)
+    per_mm = 1.0 / fine_mm
     room = min(max(points_max, known), known + beams)
     points = np.empty((room, 2), dtype=np.int16)
     missed = np.zeros(room, dtype=np.uint8)
@@ -323,8 +324,8 @@ def remember(
         points[index, 0] = px_mm
         points[index, 1] = py_mm
         missed[index] = misses[index]
-        cell_x = nearest(px_mm / fine_mm)
-        cell_y = nearest(py_mm / fine_mm)
+        cell_x = nearest(px_mm * per_mm)
+        cell_y = nearest(py_mm * per_mm)
         slot = (cell_x * 7919 + cell_y * 104729) & (slots - 1)
         while table[slot] != 0:
             slot = (slot + 1) & (slots - 1)
@@ -347,16 +348,17 @@ def remember(
         before = beam - 1 if beam > 0 else beams - 1
         after = beam + 1 if beam + 1 < beams else 0
         far_m = away_m + BEYOND_M
-        if seen_m[beam] > far_m and seen_m[before] > far_m and seen_m[after] > far_m:
+        seen = float(seen_m[beam])
+        if seen > far_m and float(seen_m[before]) > far_m and float(seen_m[after]) > far_m:
             missed[index] = min(int(missed[index]) + 1, 200)
-        elif abs(seen_m[beam] - away_m) <= BEYOND_M:
+        elif abs(seen - away_m) <= BEYOND_M:
             missed[index] = 0
         if int(missed[index]) >= MISSES_MAX:
             gone += 1
     # 2. What is new.
     count = known
     for beam in range(beams):
-        range_m = hits_m[beam]
+        range_m = float(hits_m[beam])
         if not range_m < 1e6:
             continue
         ux, uy = units[beam, 0], units[beam, 1]
@@ -364,14 +366,14 @@ def remember(
         py_mm = nearest(y_mm + 1000.0 * range_m * (aside * ux + ahead * uy))
         if abs(px_mm) > half_mm or abs(py_mm) > half_mm:
             continue
-        cell_x = nearest(px_mm / fine_mm)
-        cell_y = nearest(py_mm / fine_mm)
+        cell_x = nearest(px_mm * per_mm)
+        cell_y = nearest(py_mm * per_mm)
         slot = (cell_x * 7919 + cell_y * 104729) & (slots - 1)
         while table[slot] != 0:
             index = table[slot] - 1
             if (
-                nearest(int(points[index, 0]) / fine_mm) == cell_x
-                and nearest(int(points[index, 1]) / fine_mm) == cell_y
+                nearest(int(points[index, 0]) * per_mm) == cell_x
+                and nearest(int(points[index, 1]) * per_mm) == cell_y
             ):
                 break
             slot = (slot + 1) & (slots - 1)
@@ -399,7 +401,7 @@ def remember(
 def gather(
     points_mm: Points,
     misses: Counts,
-    hits_m: Floats,
+    hits_m: Ranges,
     units: Floats,
     seen_x: float,
     seen_y: float,
@@ -414,7 +416,7 @@ def gather(
     count = 0
     reach2_mm2 = reach_mm * reach_mm
     for beam in range(len(hits_m)):
-        range_m = hits_m[beam]
+        range_m = float(hits_m[beam])
         if not range_m < 1e6:
             continue
         ux, uy = units[beam, 0], units[beam, 1]

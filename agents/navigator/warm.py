@@ -54,7 +54,7 @@ def up() -> None:
                 contact=False,
                 ranges=messages.array(beams),
             )
-            map = msam.update(setup, beams, ())
+            map = msam.update(setup, frame.ranges_m(), ())
             state, wish = navigator.step(setup, state, frame, map, (), setup.dt_s, late)
             asked = Twist(wish.speed_mps, wish.turn_rate_radps)
             navigator.hold(setup, state, frame, map, late, asked)

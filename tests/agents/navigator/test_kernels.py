@@ -17,7 +17,7 @@ SIDE, CELL, REACH = RULES.side_cells, RULES.cell_mm, RULES.reach_mm
 RANDOM = np.random.Generator(np.random.Philox(7))
 POINTS = (RANDOM.integers(-2500, 2500, (60, 2))).astype(np.int16)
 RAYS = memory.beams(72)
-HITS = np.where(RANDOM.random(72) < 0.6, 0.4 + 2.0 * RANDOM.random(72), np.inf)
+HITS = np.where(RANDOM.random(72) < 0.6, 0.4 + 2.0 * RANDOM.random(72), np.inf).astype(np.float32)
 NEAR = RANDOM.uniform(-1.0, 1.0, (40, 2))
 FIELD = np.full((SIDE, SIDE), REACH, dtype=np.uint16)
 memory.stamp(FIELD, POINTS[:25], 0, 25, CELL, REACH)
@@ -41,7 +41,7 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
     (
         memory.remember,
         (
-            *(POINTS, np.zeros(60, dtype=np.uint8), 4000, HITS.astype(np.float32), HITS),
+            *(POINTS, np.zeros(60, dtype=np.uint8), 4000, HITS, HITS),
             *(RAYS.units, RAYS.bounds, 12.5, -70.25, 0.6, 0.8, 50, 3000, 2.75),
         ),
     ),

@@ -18,12 +18,12 @@ from swarm.scenario import Navigator
 from tests.agents import scenes
 
 RULES = law(Navigator(), 0.22)
-NOTHING = np.full(scenes.BEAMS, inf)
+NOTHING = np.full(scenes.BEAMS, inf, dtype=np.float32)
 
 
 def look(rules: Law, known: Memory, pose: Pose, discs: list[scenes.Disc]) -> Memory:
     scan = scenes.scan(discs, pose)
-    return memory.observe(rules, known, pose, scan, scan.astype(np.float64))[0]
+    return memory.observe(rules, known, pose, scan, scan)[0]
 
 
 def distances(rules: Law, known: Memory) -> np.ndarray:
@@ -49,7 +49,7 @@ def test_the_field_is_the_distance_to_the_nearest_point_that_is_kept(
     known = memory.empty(RULES, ways[0])
     for pose in ways:
         scan = scenes.scan(some, pose)
-        known, field_mm = memory.observe(RULES, known, pose, scan, scan.astype(np.float64))
+        known, field_mm = memory.observe(RULES, known, pose, scan, scan)
         assert (field_mm == distances(RULES, known)).all()
 
 
@@ -85,7 +85,7 @@ def test_what_beams_pass_through_goes_and_its_distances_with_it() -> None:
 def test_hits_of_peers_clear_nothing_behind_them() -> None:
     pose = Pose(0.0, 0.0, 0.0)
     wall = scenes.scan([(1.5, 0.0, 0.3)], pose)
-    known, _ = memory.observe(RULES, memory.empty(RULES, pose), pose, wall, wall.astype(np.float64))
+    known, _ = memory.observe(RULES, memory.empty(RULES, pose), pose, wall, wall)
     peer = np.minimum(wall, np.where(wall < inf, np.float32(0.6), np.float32(inf)))
     for _ in range(20):  # the peer stands before it, and is no obstacle
         known, _ = memory.observe(RULES, known, pose, peer, NOTHING)
@@ -117,10 +117,8 @@ def test_far_away_nothing_is_left_of_the_window() -> None:
 def test_mirrored_scenes_are_remembered_mirrored(some: list[scenes.Disc], pose: Pose) -> None:
     scan = scenes.scan(some, pose)
     other = Pose(pose.x_m, -pose.y_m, -pose.yaw_rad)
-    one, _ = memory.observe(RULES, memory.empty(RULES, pose), pose, scan, scan.astype(np.float64))
-    two, _ = memory.observe(
-        RULES, memory.empty(RULES, other), other, scan[::-1].copy(), scan[::-1].astype(np.float64)
-    )
+    one, _ = memory.observe(RULES, memory.empty(RULES, pose), pose, scan, scan)
+    two, _ = memory.observe(RULES, memory.empty(RULES, other), other, scan[::-1].copy(), scan[::-1])
     assert two.origin_mm == (one.origin_mm[0], -one.origin_mm[1])
     assert sorted((x, -y) for x, y in two.points_mm().tolist()) == sorted(
         (x, y) for x, y in one.points_mm().tolist()
