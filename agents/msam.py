@@ -31,6 +31,7 @@ class Map(msgspec.Struct, frozen=True):
     """One look around; distances in m from the robot's centre, inf where free."""
 
     beams_m: list[float]  # (beams,) hits that are obstacles
+    ranges_m: Ranges  # the same, read-only
     sectors_m: list[float]  # (sectors,) inner edge of the nearest occupied ring
     clusters: tuple[Arc, ...]  # runs of linked cells within rho, unsplit
     arcs: tuple[Arc, ...]  # the same, split; the virtual circles of eq. 19 to 21
@@ -82,6 +83,8 @@ def update(setup: RobotSetup, ranges_m: Ranges, peers: Iterable[Peer]) -> Map:
             beams_m[beam] = inf
         ranges_m = ranges_m.copy()
         ranges_m[hidden] = inf
+    ranges_m = ranges_m.view()
+    ranges_m.setflags(write=False)
     sectors_m = sector_ranges(ranges_m, setup.msam.sectors, setup.sensor.range_m / setup.msam.rings)
     runs = linked_runs(sectors_m, setup.field.rho_m, setup.msam.link_distance_m)
     clusters = [_arc(sectors_m, run, 0, 1, 1.0) for run in runs]
@@ -91,6 +94,7 @@ def update(setup: RobotSetup, ranges_m: Ranges, peers: Iterable[Peer]) -> Map:
     nearest_m = min(sectors_m)
     return Map(
         beams_m=beams_m,
+        ranges_m=ranges_m,
         sectors_m=sectors_m,
         clusters=tuple(clusters),
         arcs=tuple(arcs),

@@ -127,7 +127,10 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     role = role_of(setup, state)
     if frame.goal is not None and role != "follower":
         errand = Mission(frame.goal)
-        state = msgspec.structs.replace(state, mission=errand, seeking=seek.State())
+        navigating = navigator.redirect(state.navigating)
+        state = msgspec.structs.replace(
+            state, mission=errand, seeking=seek.State(), navigating=navigating
+        )
 
     # 2. Look: the map, without the bodies that are dealt with as peers.
     masked = [peer for peer in others if is_masked(setup, role, peer)]
@@ -146,11 +149,12 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         wish = Wish(mode="HOLD", reason="sensors")
     else:
         careful = squeeze(setup, frame.pose, state.bodies)
-        state, wish = decide(careful, state, role, frame, map, others, elapsed_s)
+        state, wish = decide(careful, state, role, frame, map, others, elapsed_s, late)
         if complaint == "motors":  # it goes on asking, so it notices when they come back
             wish = msgspec.structs.replace(wish, mode="HOLD", reason="motors")
 
     # 4. Give way, slew, guard.
+    navigates = role == "alone" and setup.robot.controller == "navigator"
     claim = priority.claim(role, state.slot, setup.row)
     waiting = priority.step(
         setup,
@@ -160,14 +164,17 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         frame.pose,
         frame.twist,
         wish.direction_rad(frame.pose.yaw_rad),
-        others
-        if wish.mode in ("GO", "ROUND", "FORM", "AVOID") and not navigates(setup, role)
-        else (),
+        others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") and not navigates else (),
         elapsed_s,
     )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
-    if navigates(setup, role):
-        state, set_point, allowed = keep(setup, state, frame, late, asked, map, others, wish)
+    if navigates:
+        bodies = [peer for peer in others if peer.beacon.promise or is_masked(setup, role, peer)]
+        unsure = wish.reason in ("contact", "sensors") or not is_finite(asked)
+        navigating, set_point, allowed = navigator.hold(
+            setup, state.navigating, frame, map, bodies, late, STILL if unsure else asked
+        )
+        state = msgspec.structs.replace(state, navigating=navigating)
     else:
         set_point, allowed = restrain(setup, frame, late, asked, map, others)
     if wish.reason in ("contact", "sensors") or not is_finite(set_point):
@@ -186,7 +193,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
 
     # 5. Say.
     said = beacon(setup, state, role, claim, others, frame, wish)
-    if navigates(setup, role):
+    if navigates:
         state = msgspec.structs.replace(
             state, navigating=navigator.send(setup, state.navigating, said)
         )
@@ -358,6 +365,7 @@ def decide(
     map: msam.Map,
     others: list[Peer],
     elapsed_s: float,
+    late: lateness.State,
 ) -> tuple[State, Wish]:
     """State and wish of the mode that is in force. The only place that knows controllers."""
     if role == "leader":
@@ -396,7 +404,9 @@ def decide(
         return replace(state, own=memory), wish
     if setup.robot.controller == "navigator":
         bound = mission.bound_for(setup, errand)
-        navigating, wish = navigator.step(bound, state.navigating, frame, map, others, elapsed_s)
+        navigating, wish = navigator.step(
+            bound, state.navigating, frame, map, others, elapsed_s, late
+        )
         return replace(state, navigating=navigating), wish
     seeking, wish = seek.step(
         mission.bound_for(setup, errand),
@@ -559,49 +569,6 @@ def restrain(
     return steering.scale_to_rims(setup.robot, held), allowed
 
 
-def navigates(setup: RobotSetup, role: Role) -> bool:
-    """Whether a robot has the navigator's right of way and guard; in formations it has not."""
-    return role == "alone" and setup.robot.controller == "navigator"
-
-
-def keep(
-    setup: RobotSetup,
-    state: State,
-    frame: SensorFrame,
-    late: lateness.State,
-    asked: Twist,
-    map: msam.Map,
-    others: list[Peer],
-    wish: Wish,
-) -> tuple[State, Twist, guard.Limit]:
-    """Set-point by the navigator's guard, which keeps promises.
-
-    A robot whose set-points come late cannot; it is guarded as any other, on top.
-    """
-    promising = [peer for peer in others if peer.beacon.promise is not None]
-    rest = [
-        peer
-        for peer in others
-        if peer.beacon.promise is None and is_masked(setup, "alone", peer)
-    ]
-    rest += peers.halted(rest, frame.pose, setup.dt_s)
-    if late.late_ticks:
-        rest = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
-        promising = []
-        asked, _ = restrain(setup, frame, late, asked, map, others)
-    if wish.reason in ("contact", "sensors") or not is_finite(asked):
-        asked = STILL
-    navigating, held = navigator.restrain(
-        setup, state.navigating, frame, asked, map, promising, rest
-    )
-    speed_mps = abs(held.set_point.speed_mps) if held.by else setup.robot.speed_mps_max
-    return (
-        msgspec.structs.replace(state, navigating=navigating),
-        held.set_point,
-        guard.Limit(speed_mps, held.by),
-    )
-
-
 def beacon(
     setup: RobotSetup,
     state: State,
@@ -618,11 +585,12 @@ def beacon(
     """
     robot = setup.robot
     leads = role == "leader"
-    errand, passed = state.mission, state.seeking.via_index
+    errand = state.mission
+    passed = max(state.seeking.via_index, state.navigating.via_index)
     elected = state.election
     followed = election.is_followed(elected, patience_ticks(setup))
-    on_time = state.lateness.late_ticks == 0 and wish.reason not in ("motors", "contact")
-    drives = navigates(setup, role)
+    drives = role == "alone" and robot.controller == "navigator"
+    keeps = state.lateness.late_ticks == 0 and wish.reason not in ("motors", "contact", "sensors")
     return Beacon(
         name=robot.name,
         tick=frame.tick,
@@ -646,7 +614,7 @@ def beacon(
         formation_turn_rate_radps=state.formation_turn_rate_radps if leads else 0.0,
         yields_to=state.navigating.yields_to if drives else state.waiting.yields_to,
         reason=wish.reason,
-        promise=navigator.promise(setup) if drives and on_time else None,
+        promise=navigator.promise(setup) if drives and keeps else None,
         intent=state.navigating.intent if drives else None,
         passage=state.navigating.giving.passage if drives else None,
     )

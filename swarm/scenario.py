@@ -254,6 +254,29 @@ class Guard(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     latency_s: NotNegative = 0.16  # two ticks
 
 
+class Navigator(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The controller `navigator`: memory, way, forces, speed, guard."""
+
+    cell_m: Annotated[float, Meta(ge=0.02, le=1.0)] = 0.1  # of the distance field, to the mm
+    window_m: Annotated[float, Meta(ge=4.0, le=60.0)] = 22.0  # side of the square remembered
+    # Speed by clearance c from the body's surface: all of it from comfort_m on, this share of it
+    # in touch, and less still in a slit that is hardly wider than the body.
+    comfort_m: Annotated[float, Meta(ge=0.02, le=5.0)] = 0.3
+    crawl_share: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.25
+    slit_share: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.15
+    hard_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.01  # ways with less are the last resort
+    look_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.4  # the sub-goal lies this far along
+    look_s: NotNegative = 0.5  # the way, and further by so much driving
+    chord_factor: Annotated[float, Meta(ge=1.0, le=10.0)] = 1.03  # cutting a corner may cost
+    heading_gain_1ps: Positive = 5.0
+    reach_m: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.45  # of repulsion, from the body's surface
+    repulsion_m2: NotNegative = 0.01  # k_r of eq. 27
+    repulsion_max: Probability = 0.1  # of the attraction, and only across it
+    barrier_m: Annotated[float, Meta(gt=0.015, le=5.0)] = 0.08  # nearer, nothing pulls inwards
+    guard_margin_m: NotNegative = 0.03
+    give_up_s: Positive = 150.0  # without coming nearer to the goal; then FAILED
+
+
 class Clock(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How simulation time passes."""
 
@@ -323,6 +346,7 @@ class Shared(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     steering: Steering = Steering()
     pid: Pid = Pid()
     guard: Guard = Guard()
+    navigator: Navigator = Navigator()
     clock: Clock = Clock()
 
     def __post_init__(self) -> None:

@@ -10,42 +10,88 @@ Each stage is a module of pure functions with a state of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, cos, pi, sin, sqrt
+from math import atan2, cos, inf, pi
 
 import msgspec
 import numpy as np
 
-from agents import msam
-from agents.navigator import cells, pact, right_of_way, table
+from agents import lateness, msam, peers, steering
+from agents.guard import Limit, share
+from agents.navigator import (
+    brake,
+    cells,
+    forces,
+    memory,
+    pact,
+    predict,
+    right_of_way,
+    speed,
+    table,
+    way,
+)
 from agents.navigator.aim import Aim
-from agents.navigator.compiled import compiled
+from agents.navigator.law import Law, law
+from agents.navigator.memory import Memory
+from agents.navigator.way import Way
 from agents.peers import Peer
-from agents.steering import Wish, clip
+from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import Floats, Twist, Vec2
-from swarm.messages import Beacon, Forces, Intent, Mode, Name, Promise, SensorFrame
+from swarm.messages import Beacon, Intent, Mode, Name, Promise, Reason, SensorFrame
 from swarm.scenario import RobotSetup
 
-__all__ = ["Aim", "State", "promise", "restrain", "send", "step"]
+__all__ = ["Aim", "State", "hold", "promise", "redirect", "send", "step"]
 
-# Parked within this part of the goal's tolerance, until it is further off than the other part of it.
+# A robot that stands for so long where nothing holds it, slower than this, doubts what it
+# remembers nearby: the first time within so much, then within twice and thrice that, and again.
+STILL_S, STILL_MPS, STILL_RADPS = 1.0, 0.03, 0.2
+DOUBT_M, DOUBTS = 1.5, 3
+# Likewise one that has not left a place of this size for so long and a turn.
+PLACE_M, PLACE_S = 0.2, 3.0
+# Without a way for so long it forgets all that it does not see, once; the second time it gives up.
+CLOSED_S = 3.0
+NEARER_M = 0.15  # nearer to the goal than ever by this is headway
+TURN_RAD_MAX = 1.2  # further off the direction it turns on the spot
+# Parked within this part of the goal's tolerance, until it is further off than the other part.
 PARKED_IN, PARKED_OUT = 0.6, 0.95
-# What it brakes with towards the goal, of what the body can do.
-APPROACH = 0.7
 # A robot this near to its goal does not hurry because somebody comes.
 NEAR_GOAL_M, NEAR_GOAL_MPS = 0.6, 0.1
+# Among others: further off the direction it drives slowly, from here on backwards if it may.
+ASIDE_RAD, ASIDE_SHARE, BACK_RAD, BACK_SHARE = 0.9, 0.35, 2.0, 0.6
+STAND_GAIN_1PS, STAND_RADPS_MAX = 2.0, 1.5  # standing, it turns to where it wants to go
+# Less than this share of the speed it wants is being held up.
+HELD_SHARE = 0.5
+BEHIND_RAD = 3.09  # beyond it the goal is straight behind: it turns the way it turned last
 
 
 class State(msgspec.Struct, frozen=True):
     """What the stages remember."""
 
     via_index: int = 0
-    giving: right_of_way.State = right_of_way.State()
+    memory: Memory | None = None
+    way: Way | None = None
+    turn_sense: int = -1  # of the last turn; at first to the right
+    still_s: float = 0.0
+    place: Vec2 | None = None  # where it has been since place_s
+    place_s: float = 0.0
+    doubts: int = 0
+    closed_s: float = 0.0  # without a way
+    forgot: bool = False  # all that it does not see, for want of a way
+    best_m: float = 1e9  # nearest to the goal so far
+    best_s: float = 0.0  # since then
+    failed: Reason = ""  # there is no way; for good
+    held: bool = False  # in the tick before: it waited for others
     parked: bool = False
-    intent: Intent = Intent()
+    giving: right_of_way.State = right_of_way.State()
     chosen: Vec2 = (0.0, 0.0)  # m/s, world: velocity of the newest cell
+    intent: Intent = Intent()
     yields_to: Name | None = None
     pact: pact.State = pact.State()
+
+
+def redirect(state: State) -> State:
+    """State of a robot that has got another goal: what it knows of obstacles stays."""
+    return State(memory=state.memory, turn_sense=state.turn_sense, pact=state.pact)
 
 
 def step(
@@ -55,163 +101,325 @@ def step(
     map: msam.Map,
     others: Sequence[Peer],
     elapsed_s: float,
+    late: lateness.State,
 ) -> tuple[State, Wish]:
     """One tick on the way to `setup.robot.goal` by way of its way-points."""
-    state, aim = look(setup, state, frame, map)
-    reach_m = cells.OBSTACLE_S * setup.robot.speed_mps_max + setup.robot.body_radius_m + 0.1
-    points = hits(frame, map, max(reach_m, right_of_way.SIGHT_M))
-    peers, seen = table.of(others, frame.pose.x_m, frame.pose.y_m)
-    state, aim, way = give_way(
-        setup, state, frame, aim, others, peers, seen, points, elapsed_s
+    seen, frame = frame, predict.ahead(setup, late, frame)
+    state, aim = look(setup, state, seen, frame, map, elapsed_s)
+    if state.failed:
+        state = msgspec.structs.replace(state, intent=Intent(), yields_to=None)
+        return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
+    rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m)
+    state, aim, course = give_way(setup, state, seen, frame, map, others, rows, near, aim, elapsed_s)
+    state, choice = choose(setup, state, seen, frame, map, rows, aim, course)
+    return drive(setup, state, seen, frame, map, rows, aim, course, choice)
+
+
+def look(
+    setup: RobotSetup,
+    state: State,
+    seen: SensorFrame,
+    frame: SensorFrame,
+    map: msam.Map,
+    elapsed_s: float,
+) -> tuple[State, Aim]:
+    """Memory and way: where to go were there no peers.
+
+    Args:
+        seen: as it was measured.
+        frame: with the pose at which what is decided now takes effect.
+    """
+    replace = msgspec.structs.replace
+    pose, rules = frame.pose, law(setup.navigator, setup.robot.body_radius_m)
+    state = pass_waypoints(setup, state, frame)
+    target, is_last = target_of(setup, state)
+    goal_m = geometry.length(target[0] - pose.x_m, target[1] - pose.y_m)
+    # 1. Remember.
+    known = state.memory or memory.empty(rules, pose)
+    known = memory.shifted(rules, known, pose)
+    state, known = doubt(setup, rules, state, known, frame, elapsed_s)
+    known, field_mm = memory.observe(rules, known, seen.pose, seen.ranges_m(), map.ranges_m)
+    # 2. Find the way.
+    tolerance_m = setup.robot.goal_tolerance_m if is_last else setup.robot.via_tolerance_m
+    found = way.step(rules, state.way, known, field_mm, pose, target, tolerance_m)
+    state = give_up(setup, replace(state, memory=known, way=found), goal_m, elapsed_s)
+    # 3. Aim at the farthest point of it that can be driven to straight on.
+    look_m = setup.navigator.look_m + setup.navigator.look_s * abs(frame.twist.speed_mps)
+    factor = setup.navigator.chord_factor
+    subgoal, index = way.subgoal(rules, found, known, field_mm, pose, look_m, factor)
+    speed_mps = speed.cap(
+        setup, rules, found, known, field_mm, pose, frame.twist.speed_mps, subgoal, index
     )
-    state, choice = choose(setup, state, frame, aim, way, peers, points)
-    return drive(setup, state, frame, aim, way, choice, points)
+    if is_last:
+        speed_mps = min(speed_mps, speed.at_goal(setup, goal_m))
+    if not found.path:
+        speed_mps = 0.0
+    x_m, y_m = subgoal[0] - pose.x_m, subgoal[1] - pose.y_m
+    direction_rad = pose.yaw_rad if (x_m, y_m) == (0.0, 0.0) else atan2(y_m, x_m)
+    return state, Aim(direction_rad, speed_mps, subgoal, goal_m, is_last, state.failed)
 
 
-def look(setup: RobotSetup, state: State, frame: SensorFrame, map: msam.Map) -> tuple[State, Aim]:
-    """Memory and way: where to go were there no peers."""
+def pass_waypoints(setup: RobotSetup, state: State, frame: SensorFrame) -> State:
+    """State after ticking off the way-points that are near enough, in their order."""
+    index, via = state.via_index, setup.robot.via
+    while index < len(via):
+        away_x_m, away_y_m = via[index][0] - frame.pose.x_m, via[index][1] - frame.pose.y_m
+        if geometry.length(away_x_m, away_y_m) > setup.robot.via_tolerance_m:
+            break
+        index += 1
+    if index == state.via_index:
+        return state
+    return msgspec.structs.replace(redirect(state), via_index=index)
+
+
+def target_of(setup: RobotSetup, state: State) -> tuple[Vec2, bool]:
+    """Where to go now, and whether that is the goal itself."""
     assert setup.robot.goal is not None
-    x_m, y_m = setup.robot.goal[0] - frame.pose.x_m, setup.robot.goal[1] - frame.pose.y_m
-    distance_m = geometry.length(x_m, y_m)
-    brake_mps2 = APPROACH * setup.robot.acceleration_mps2_max
-    speed_mps = min(setup.robot.speed_mps_max, sqrt(2.0 * brake_mps2 * distance_m))
-    return state, Aim(atan2(y_m, x_m), speed_mps, setup.robot.goal, distance_m, True)
+    if state.via_index < len(setup.robot.via):
+        return setup.robot.via[state.via_index], False
+    return setup.robot.goal, True
+
+
+def doubt(
+    setup: RobotSetup, rules: Law, state: State, known: Memory, frame: SensorFrame, elapsed_s: float
+) -> tuple[State, Memory]:
+    """State and memory after a look at whether the robot is stuck in what it remembers."""
+    replace = msgspec.structs.replace
+    if state.held:
+        return replace(state, still_s=0.0, place=None), known
+    if state.closed_s > CLOSED_S and not state.forgot:
+        known = memory.empty(rules, frame.pose, known.version + 1)
+        return replace(state, forgot=True, closed_s=0.0, way=None), known
+    twist = frame.twist
+    here, place, place_s = (frame.pose.x_m, frame.pose.y_m), state.place, state.place_s + elapsed_s
+    if place is None or geometry.length(here[0] - place[0], here[1] - place[1]) > PLACE_M:
+        place, place_s = here, 0.0
+    moves = abs(twist.speed_mps) > STILL_MPS or abs(twist.turn_rate_radps) > STILL_RADPS
+    if state.way is None or state.way.closed:
+        moves, place_s = True, 0.0
+    still_s = 0.0 if moves else state.still_s + elapsed_s
+    if still_s <= STILL_S and place_s <= PLACE_S + pi / setup.robot.turn_rate_radps_max:
+        return replace(state, still_s=still_s, place=place, place_s=place_s), known
+    radius_m = DOUBT_M * (1 + state.doubts % DOUBTS)
+    known = memory.without(rules, known, frame.pose, radius_m)
+    return replace(state, still_s=0.0, place=here, place_s=0.0, doubts=state.doubts + 1), known
+
+
+def give_up(setup: RobotSetup, state: State, goal_m: float, elapsed_s: float) -> State:
+    """State with what there is to say about there being no way."""
+    replace = msgspec.structs.replace
+    assert state.way is not None
+    if state.held:
+        elapsed_s = 0.0
+    closed_s = state.closed_s + elapsed_s if state.way.closed else 0.0
+    best_m, best_s = state.best_m, state.best_s + elapsed_s
+    if goal_m < best_m - NEARER_M:
+        best_m, best_s = goal_m, 0.0
+    failed = state.failed
+    if not failed and closed_s > CLOSED_S and state.forgot:
+        failed = "enclosed"
+    if not failed and best_s > setup.navigator.give_up_s:
+        failed = "too-long"
+    return replace(state, closed_s=closed_s, best_m=best_m, best_s=best_s, failed=failed)
 
 
 def give_way(
     setup: RobotSetup,
     state: State,
+    seen: SensorFrame,
     frame: SensorFrame,
-    aim: Aim,
+    map: msam.Map,
     others: Sequence[Peer],
-    peers: Floats,
-    seen: Sequence[Peer],
-    points: Floats,
+    rows: Floats,
+    near: Sequence[Peer],
+    aim: Aim,
     elapsed_s: float,
-) -> tuple[State, Aim, right_of_way.Way]:
-    """Right of way: parking, virtual roundabout, claims to narrow gaps."""
+) -> tuple[State, Aim, right_of_way.Course]:
+    """Right of way: parking, virtual roundabout, claims to narrow gaps.
+
+    Args:
+        rows, near: of `table.of`.
+    """
     tolerance_m = setup.robot.goal_tolerance_m
-    parked = aim.is_last and aim.distance_m < tolerance_m * (
-        PARKED_OUT if state.parked else PARKED_IN
-    )
-    giving, way = right_of_way.step(
-        setup, state.giving, frame, aim, others, peers, seen, points, elapsed_s, parked=parked
+    parked_m = tolerance_m * (PARKED_OUT if state.parked else PARKED_IN)
+    parked = aim.is_last and aim.distance_m < parked_m
+    points_m = np.empty((0, 2))
+    path_m = np.empty((0, 2))
+    if not parked and others and map.nearest_m < right_of_way.SIGHT_M:
+        points_m = obstacles(setup, state, seen, frame, map, right_of_way.SIGHT_M)
+        assert state.way is not None
+        path_m = state.way.path_mm()[state.way.index :][:: right_of_way.PATH_STEP] * 0.001
+        path_m = path_m - np.array((frame.pose.x_m, frame.pose.y_m))
+    target, _ = target_of(setup, state)
+    giving, course = right_of_way.step(
+        setup,
+        state.giving,
+        frame,
+        aim,
+        target,
+        others,
+        rows,
+        near,
+        points_m,
+        path_m,
+        elapsed_s,
+        parked=parked,
     )
     state = msgspec.structs.replace(
-        state, giving=giving, parked=parked, yields_to=way.yields_to
+        state, giving=giving, parked=parked, yields_to=course.yields_to
     )
-    return state, aim, way
+    return state, aim, course
 
 
 def choose(
     setup: RobotSetup,
     state: State,
+    seen: SensorFrame,
     frame: SensorFrame,
+    map: msam.Map,
+    rows: Floats,
     aim: Aim,
-    way: right_of_way.Way,
-    peers: Floats,
-    points: Floats,
+    course: right_of_way.Course,
 ) -> tuple[State, cells.Choice]:
-    """World direction and speed of the cheapest cell in time."""
+    """World direction and speed of the cheapest cell in time; alone, those of the way."""
     robot = setup.robot
-    slow_mps = robot.speed_mps_max
-    if aim.is_last and aim.distance_m < NEAR_GOAL_M and not state.parked:
-        slow_mps = max(way.speed_mps, NEAR_GOAL_MPS)
-    choice = cells.choose(
-        way.direction_rad,
-        way.speed_mps,
-        frame.pose.yaw_rad,
-        state.chosen,
-        state.intent.velocity,
-        robot.body_radius_m,
-        robot.speed_mps_max,
-        peers,
-        points,
-        keeps_right=way.round,
-        parked=state.parked,
-        slow_mps=slow_mps,
-    )
+    choice = cells.Choice(course.direction_rad, course.speed_mps, False)
+    if len(rows):
+        slow_mps = robot.speed_mps_max
+        if aim.is_last and aim.distance_m < NEAR_GOAL_M and not state.parked:
+            slow_mps = max(course.speed_mps, NEAR_GOAL_MPS)
+        reach_m = cells.OBSTACLE_S * robot.speed_mps_max + robot.body_radius_m + cells.OBSTACLE_M
+        choice = cells.choose(
+            course.direction_rad,
+            course.speed_mps,
+            frame.pose.yaw_rad,
+            state.chosen,
+            state.intent.velocity,
+            robot.body_radius_m,
+            robot.speed_mps_max,
+            rows,
+            obstacles(setup, state, seen, frame, map, reach_m),
+            keeps_right=course.round,
+            parked=state.parked,
+            slow_mps=slow_mps,
+            free_m=geometry.length(
+                aim.subgoal[0] - frame.pose.x_m, aim.subgoal[1] - frame.pose.y_m
+            )
+            if course.own
+            else 0.0,
+        )
+    unit = geometry.unit(choice.direction_rad)
+    u_mps = choice.speed_mps
+    chosen = (u_mps * unit[0], u_mps * unit[1])
     # Whoever announced less than its top speed would keep those behind it from going faster, and
     # they it, for good; the guard sees to it that nobody relies on it.
-    u_mps = choice.speed_mps
-    if u_mps > 0.0 and way.speed_mps >= robot.speed_mps_max:
+    if u_mps > 0.0 and course.speed_mps >= robot.speed_mps_max:
         u_mps = robot.speed_mps_max
-    velocity = (u_mps * cos(choice.direction_rad), u_mps * sin(choice.direction_rad))
-    intent = Intent(velocity, way.target, way.active)
-    u_mps = choice.speed_mps
-    chosen = (u_mps * cos(choice.direction_rad), u_mps * sin(choice.direction_rad))
-    return msgspec.structs.replace(state, intent=intent, chosen=chosen), choice
+    intent = Intent((u_mps * unit[0], u_mps * unit[1]), course.target, course.active)
+    held = len(rows) > 0 and (
+        course.waits or state.parked or choice.speed_mps < HELD_SHARE * aim.speed_mps
+    )
+    return msgspec.structs.replace(state, intent=intent, chosen=chosen, held=held), choice
 
 
 def drive(
     setup: RobotSetup,
     state: State,
+    seen: SensorFrame,
     frame: SensorFrame,
+    map: msam.Map,
+    rows: Floats,
     aim: Aim,
-    way: right_of_way.Way,
+    course: right_of_way.Course,
     choice: cells.Choice,
-    points: Floats,
 ) -> tuple[State, Wish]:
     """Forces along and across that direction, and what to ask of the motors."""
-    robot = setup.robot
+    navigator, robot = setup.navigator, setup.robot
+    near_m = robot.body_radius_m + max(navigator.reach_m, navigator.barrier_m)
+    points_m = obstacles(setup, state, seen, frame, map, near_m)
+    total = forces.add_up(setup, geometry.unit(choice.direction_rad), points_m)
+    x, y = total.resultant
+    error_rad = geometry.wrap_angle(atan2(y, x) - frame.pose.yaw_rad)
+    sense = state.turn_sense
+    if abs(error_rad) > BEHIND_RAD:
+        error_rad = sense * abs(error_rad)
+    elif error_rad != 0.0:
+        sense = 1 if error_rad > 0.0 else -1
+    if sense != state.turn_sense:
+        state = msgspec.structs.replace(state, turn_sense=sense)
     arrived = state.parked and aim.distance_m < robot.goal_tolerance_m
     mode: Mode = "ARRIVED" if arrived else "GO"
-    speed_mps, direction_rad = choice.speed_mps, choice.direction_rad
-    pull = geometry.unit(direction_rad)
-    push = repulsion(points, robot.body_radius_m, 2.0 * pi / setup.sensor.beams)
-    across = clip(push[1] * pull[0] - push[0] * pull[1], 0.5)
-    error_rad = geometry.wrap_angle(atan2(across, 1.0) + direction_rad - frame.pose.yaw_rad)
-    most_radps = robot.turn_rate_radps_max
-    if speed_mps == 0.0:
-        w_radps = 0.0
-        if not state.parked:
-            error_rad = geometry.wrap_angle(way.direction_rad - frame.pose.yaw_rad)
-            w_radps = clip(2.0 * error_rad, min(1.5, most_radps))
-        v_mps = 0.0
-    elif abs(error_rad) > 2.0 and speed_mps <= 0.6 * robot.speed_mps_max:
+    gain_1ps, most_radps = navigator.heading_gain_1ps, robot.turn_rate_radps_max
+    speed_mps = choice.speed_mps
+    if not len(rows):
+        ahead = cos(error_rad) if abs(error_rad) <= TURN_RAD_MAX else 0.0
+        speed_mps *= ahead * ahead
+        if state.parked:
+            gain_1ps = 0.0
+    elif speed_mps == 0.0:
+        error_rad = geometry.wrap_angle(course.direction_rad - frame.pose.yaw_rad)
+        gain_1ps, most_radps = STAND_GAIN_1PS, min(STAND_RADPS_MAX, most_radps)
+        if state.parked:
+            gain_1ps = 0.0
+    elif abs(error_rad) > BACK_RAD and speed_mps <= BACK_SHARE * robot.speed_mps_max:
         error_rad = geometry.wrap_angle(error_rad + pi)
-        w_radps = clip(4.0 * error_rad, most_radps)
-        v_mps = -speed_mps * max(0.0, cos(error_rad))
+        speed_mps *= -max(0.0, cos(error_rad))
     else:
-        w_radps = clip(4.0 * error_rad, most_radps)
-        v_mps = speed_mps * max(0.0, cos(error_rad))
-        if abs(error_rad) > 0.9:
-            v_mps = min(v_mps, 0.35 * robot.speed_mps_max)
-    forces = Forces(attractive=pull, repulsive=push, resultant=pull)
-    return state, Wish(
-        mode,
-        v_mps,
-        w_radps,
-        arrived=arrived,
-        forces=forces,
-        waypoint=aim.subgoal,
+        speed_mps *= max(0.0, cos(error_rad))
+        if abs(error_rad) > ASIDE_RAD:
+            speed_mps = min(speed_mps, ASIDE_SHARE * robot.speed_mps_max)
+    turn_rate_radps = steering.clip(gain_1ps * error_rad, most_radps)
+    wish = Wish(
+        mode, speed_mps, turn_rate_radps, arrived=arrived, forces=total, waypoint=aim.subgoal
     )
+    return state, wish
 
 
-def restrain(
+def hold(
     setup: RobotSetup,
     state: State,
-    frame: SensorFrame,
-    asked: Twist,
+    seen: SensorFrame,
     map: msam.Map,
     others: Sequence[Peer],
-    statics: Sequence[Peer],
-) -> tuple[State, pact.Held]:
-    """Set-point that keeps what was promised, and off obstacles.
+    late: lateness.State,
+    asked: Twist,
+) -> tuple[State, Twist, Limit]:
+    """Set-point from which the robot can always stop in time, off bodies too: the last word.
 
     Args:
-        others: peers that promise.
-        statics: those that do not.
+        others: peers whose bodies are not on the map.
     """
-    robot = setup.robot
-    stop_m = robot.speed_mps_max * robot.speed_mps_max / (2.0 * robot.acceleration_mps2_max)
-    points = hits(frame, map, robot.body_radius_m + 0.1 + stop_m + 0.3 * robot.speed_mps_max)
-    if len(points):
-        points = points + np.array((frame.pose.x_m, frame.pose.y_m))
+    frame = predict.ahead(setup, late, seen)
+    reach_m = brake.reach_m(setup, max(abs(frame.twist.speed_mps), abs(asked.speed_mps)))
+    points_m = obstacles(setup, state, seen, frame, map, reach_m)
+    promising = [peer for peer in others if peer.beacon.promise is not None]
+    rest = [peer for peer in others if peer.beacon.promise is None]
+    rest += peers.halted(rest, frame.pose, setup.dt_s)
+    if late.late_ticks:  # nothing can be promised; it takes its half of each gap, as others do
+        late_s = late.late_ticks * setup.dt_s
+        bodies = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
+        side = 1.0 if asked.speed_mps >= 0.0 else -1.0
+        most_mps = min([share(setup, peer, side, late_s=late_s) for peer in bodies], default=inf)
+        asked = Twist(steering.clip(asked.speed_mps, most_mps), asked.turn_rate_radps)
+        promising, rest = [], []
     kept, held = pact.hold(
-        setup, state.pact, frame.tick, frame.pose, frame.twist, asked, others, statics, points
+        setup,
+        state.pact,
+        frame.tick,
+        frame.pose,
+        frame.twist,
+        asked,
+        promising,
+        rest,
+        points_m + np.array((frame.pose.x_m, frame.pose.y_m)) if len(points_m) else points_m,
+        brake.room(setup, points_m),
     )
-    return msgspec.structs.replace(state, pact=kept), held
+    state = msgspec.structs.replace(state, pact=kept)
+    if held is None:
+        set_point, allowed = brake.hold(setup, frame.pose.yaw_rad, frame.twist, asked, points_m)
+        return state, set_point, allowed
+    most_mps = abs(held.set_point.speed_mps) if held.by else setup.robot.speed_mps_max
+    return state, held.set_point, Limit(most_mps, held.by)
 
 
 def promise(setup: RobotSetup) -> Promise | None:
@@ -224,54 +432,15 @@ def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:
     return msgspec.structs.replace(state, pact=pact.send(setup, state.pact, beacon))
 
 
-def hits(frame: SensorFrame, map: msam.Map, reach_m: float) -> Floats:
-    """(n, 2) m: what the map has within reach, from this robot, world axes; by beam."""
-    if map.nearest_m >= reach_m:
-        return np.empty((0, 2))
-    count = len(map.beams_m)
-    units = msam.layout(count, len(map.sectors_m)).beam_units_array
-    yaw_rad = frame.pose.yaw_rad
-    points = np.empty((count, 2))
-    found = collect(np.array(map.beams_m), units, cos(yaw_rad), sin(yaw_rad), reach_m, points)
-    return points[:found]
-
-
-@compiled
-def collect(
-    beams_m: Floats, units: Floats, cosine: float, sine: float, reach_m: float, points: Floats
-) -> int:
-    """How many hits lie within reach; they are filled in."""
-    count = 0
-    for beam in range(beams_m.shape[0]):
-        range_m = beams_m[beam]
-        if range_m < reach_m:
-            x_m, y_m = range_m * units[beam, 0], range_m * units[beam, 1]
-            points[count, 0] = cosine * x_m - sine * y_m
-            points[count, 1] = sine * x_m + cosine * y_m
-            count += 1
-    return count
-
-
-REPEL_M, REPEL = 0.5, 0.1
-
-
-def repulsion(points: Floats, radius_m: float, beam_rad: float) -> tuple[float, float]:
-    """F_rep of the hits nearer than REPEL_M, world axes."""
-    if not len(points):
-        return (0.0, 0.0)
-    found = np.zeros(2)
-    repel(points, radius_m, found)
-    return (float(found[0]) * REPEL * beam_rad, float(found[1]) * REPEL * beam_rad)
-
-
-@compiled
-def repel(points: Floats, radius_m: float, found: Floats) -> None:
-    """Sum of (1 / gap - 1 / REPEL_M) away from each hit."""
-    for point in range(points.shape[0]):
-        x_m, y_m = points[point, 0], points[point, 1]
-        range_m = np.sqrt(x_m * x_m + y_m * y_m)
-        gap_m = max(0.02, range_m - radius_m)
-        if gap_m < REPEL_M and range_m > 0.0:
-            strength = (1.0 / gap_m - 1.0 / REPEL_M) / range_m
-            found[0] -= strength * x_m
-            found[1] -= strength * y_m
+def obstacles(
+    setup: RobotSetup,
+    state: State,
+    seen: SensorFrame,
+    frame: SensorFrame,
+    map: msam.Map,
+    reach_m: float,
+) -> Floats:
+    """(points, 2) m, world axes, from the robot's centre: what it sees and remembers in reach."""
+    rules = law(setup.navigator, setup.robot.body_radius_m)
+    known = state.memory or memory.empty(rules, frame.pose)
+    return memory.around(rules, known, seen.pose, map.ranges_m, frame.pose, reach_m)

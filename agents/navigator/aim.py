@@ -13,6 +13,7 @@ class Aim(msgspec.Struct, frozen=True):
     direction_rad: float  # world, of the sub-goal; that of the way where there is none
     speed_mps: float  # cap: clearance along the way, distance to the goal
     subgoal: Vec2  # world, the point that the robot is drawn to
-    distance_m: float  # along the way to the goal
+    distance_m: float  # straight to the goal, or to the way-point that comes next
     is_last: bool  # whether the goal itself comes next, not a way-point
     reason: str = ""  # why there is no way; "" when there is one
+    held: bool = False  # it waits for others, so that clocks of the way stand

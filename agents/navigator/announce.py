@@ -1,6 +1,6 @@
 """Where a robot will come to rest, known to all: the braking way that its beacon announces.
 
-    pose, set-point --one tick--> --full braking of both rates, tick by tick--> (ticks, 2) places
+    pose, set-point --one tick--> --braking on that curve, tick by tick--> (ticks, 2) places
 
 Sender and hearers compute it from the same beacon by the same function, so they know the same. It
 is what world.motion makes of a body whose set-point is followed by none, up to rounding.
@@ -12,6 +12,7 @@ from math import ceil
 
 import numpy as np
 
+from agents.navigator.brake import slower
 from agents.navigator.compiled import compiled
 from swarm.geometry import Floats
 from swarm.messages import Beacon, Promise
@@ -69,14 +70,7 @@ def path(body: Floats, dt_s: float, skip: int, places: Floats) -> None:
                 cosine * cos_half - sine * sin_half,
                 sine * cos_half + cosine * sin_half,
             )
-            if v_mps > 0.0:
-                v_mps = max(0.0, v_mps - body[6])
-            else:
-                v_mps = min(0.0, v_mps + body[6])
-            if w_radps > 0.0:
-                w_radps = max(0.0, w_radps - body[7])
-            else:
-                w_radps = min(0.0, w_radps + body[7])
+            v_mps, w_radps = slower(v_mps, w_radps, body[6], body[7])
         if tick >= skip:
             places[tick - skip, 0] = x_m
             places[tick - skip, 1] = y_m

@@ -66,6 +66,7 @@ def choose(
     keeps_right: bool,
     parked: bool,
     slow_mps: float,
+    free_m: float = 0.0,
 ) -> Choice:
     """Cheapest cell.
 
@@ -76,6 +77,7 @@ def choose(
         peers: rows of `table`.
         points: (n, 2) m from here, world axes: obstacles.
         slow_mps: no cell is faster.
+        free_m: straight on, the way is known to be free as far as this.
     """
     found = np.zeros(3)
     least(
@@ -95,6 +97,7 @@ def choose(
         SPEEDS,
         keeps_right,
         min(slow_mps, PARKED_SPEED * speed_mps_max) if parked else slow_mps,
+        free_m,
         found,
     )
     index = int(found[0])
@@ -151,6 +154,7 @@ def least(
     speeds: Floats,
     keeps_right: bool,
     slow_mps: float,
+    known_m: float,
     found: Floats,
 ) -> None:
     """Index of direction and speed of the cheapest cell; whether the preferred one meets anybody.
@@ -200,6 +204,8 @@ def least(
             inside = strip_m * strip_m - aside_m * aside_m
             if inside > 0.0:
                 free_m = min(free_m, max(0.0, ahead_m - np.sqrt(inside)))
+        if index == units.shape[0] // 2 and known_m > 0.0:
+            free_m = np.inf
         off_rad = (index - units.shape[0] // 2) * STEP_RAD
         left = min(1.0, off_rad / RIGHT_RAD) if right and off_rad > 0.0 else 0.0
         turned_rad = abs(turn_rad + off_rad)

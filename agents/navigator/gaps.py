@@ -22,7 +22,7 @@ from swarm.messages import Name, Passage
 
 # Of a gap: wider than a body by this, narrower than two by that.
 SLACK_M, TWO_ABREAST_M = 0.15, 0.25
-ASIDE_M, SIGHT_M = 0.8, 3.6  # its middle is this near to the straight way, and to the robot
+ASIDE_M, SIGHT_M = 0.4, 3.6  # its middle is this near to the way, and to the robot
 ACROSS_MIN = 0.35  # sine of the angle between chord and way
 FLANK_M, FLANK_NEAR_M = 1.4, 0.35  # both posts go on as walls: a hit this near to so far beyond
 CIRCLE_M = 0.04  # nothing stands inside the circle on the chord, less this
@@ -45,7 +45,6 @@ HURRY_S = 0.3  # it may set out this long before the last opponent is through
 # Waiting beside the mouth: so far before it, to its right, one behind the other.
 WAIT_NEAR_M, WAIT_BEFORE_M, WAIT_STEP_M, WAIT_RIGHT_M = 3.0, 0.75, 0.55, 0.85
 ZIP_M = 0.5  # between those of a platoon that merge into the mouth
-AHEAD_M = 1.0  # inside it steers for the axis this far ahead
 SHARE_HOLDER, SHARE_WAITER = 0.3, 1.0
 
 
@@ -60,7 +59,7 @@ class State(msgspec.Struct, frozen=True):
 class Rule(msgspec.Struct, frozen=True):
     """What a claim makes of the way."""
 
-    target: Vec2  # m, world
+    place: Vec2 | None  # m, world: to go to first; None: its own way
     waits: bool  # beside the mouth
     face: Vec2 | None = None  # m, world: to look at while it stands there
     yields_to: Name | None = None
@@ -88,6 +87,7 @@ def step(
     speed_mps: float,
     others: Sequence[Peer],
     points: Floats,
+    path: Floats,
 ) -> tuple[State, Rule | None]:
     """State at this tick, and what it makes of the way to `target`; None: nothing.
 
@@ -95,8 +95,9 @@ def step(
         target: m, world: next point on the way.
         others: peers heard lately.
         points: (n, 2) m from here, world axes: obstacles in sight.
+        path: (cells, 2) m from here, world axes: the way that is planned.
     """
-    state = look(state, tick, position, target, radius_m, points)
+    state = look(state, tick, position, target, radius_m, points, path)
     mine = state.passage
     if mine is None:
         return state, None
@@ -112,15 +113,20 @@ def step(
     if holds != mine.holds:
         mine = msgspec.structs.replace(mine, holds=holds)
         state = msgspec.structs.replace(state, passage=mine)
-    return state, rule(mine, name, position, along_m, target, state.exit_m, beside, against)
+    return state, rule(mine, name, along_m, beside, against)
 
 
 def look(
-    state: State, tick: int, position: Vec2, target: Vec2, radius_m: float, points: Floats
+    state: State,
+    tick: int,
+    position: Vec2,
+    target: Vec2,
+    radius_m: float,
+    points: Floats,
+    path: Floats,
 ) -> State:
     """State after what is seen: a gap is found, seen better, left behind."""
     mine = state.passage
-    to_x, to_y = target[0] - position[0], target[1] - position[1]
     along_m = 0.0
     if mine is not None:
         along_m, aside_m = of_axis(mine, position)
@@ -138,8 +144,8 @@ def look(
     if mine is None or along_m < -OUTSIDE_M:
         found = np.zeros(5)
         least_m, most_m = 2.0 * radius_m + SLACK_M, 4.0 * radius_m + TWO_ABREAST_M
-        if len(points) > 1:
-            find(points, to_x, to_y, least_m, most_m, found)
+        if len(points) > 1 and len(path) > 1:
+            find(points, path, least_m, most_m, found)
         if found[0] > 0.0 and (mine is None or found[0] <= state.width_m + BETTER_M):
             mouth = (position[0] + float(found[1]), position[1] + float(found[2]))
             axis = (float(found[3]), float(found[4]))
@@ -240,10 +246,7 @@ def grant(
 def rule(
     mine: Passage,
     name: Name,
-    position: Vec2,
     along_m: float,
-    target: Vec2,
-    exit_m: float,
     beside: Sequence[Other],
     against: Sequence[Other],
 ) -> Rule | None:
@@ -256,21 +259,18 @@ def rule(
     if mine.holds:
         shares += [(one.name, SHARE_HOLDER, 1.0) for one in against if not one.holds]
         if along_m > -INSIDE_M:
-            on_m = min(along_m + AHEAD_M, exit_m)
-            if along_m + AHEAD_M > exit_m:
-                return Rule(target, False, shares=tuple(shares))
-            place = (x_m + on_m * ahead_x, y_m + on_m * ahead_y)
-            return Rule(place, False, shares=tuple(shares))
+            return Rule(None, False, shares=tuple(shares))
         rank = sum(along_m < one.along_m < -INSIDE_M for one in beside if one.holds)
-        before_m = -ZIP_M * rank if rank else 0.0
-        place = (x_m + before_m * ahead_x, y_m + before_m * ahead_y)
+        if not rank:
+            return Rule(None, False, shares=tuple(shares))
+        place = (x_m - ZIP_M * rank * ahead_x, y_m - ZIP_M * rank * ahead_y)
         return Rule(place, False, shares=tuple(shares))
     shares += [(one.name, SHARE_WAITER, 1.0) for one in against if one.holds]
     key = (mine.since, name)
     first = min([key, *(one.key for one in beside)])
     blocking = [one for one in against if one.holds or one.key < first]
     if not blocking or (-along_m > WAIT_NEAR_M):
-        return Rule(target, False, shares=tuple(shares)) if shares else None
+        return Rule(None, False, shares=tuple(shares)) if shares else None
     rank = sum(along_m < one.along_m < 0.0 for one in beside if not one.holds)
     back_m = WAIT_BEFORE_M + WAIT_STEP_M * rank
     place = (
@@ -283,20 +283,16 @@ def rule(
 
 @compiled
 def find(
-    points: Floats, to_x: float, to_y: float, least_m: float, most_m: float, found: Floats
+    points: Floats, path: Floats, least_m: float, most_m: float, found: Floats
 ) -> None:
     """Narrow chord between two walls that the way leads through.
 
     Args:
         points: (n, 2) m from here.
-        to_x, to_y: m from here to the target.
+        path: (cells, 2) m from here.
         found: (5,) width, middle, axis; the width stays 0.0 where there is none.
     """
     count = points.shape[0]
-    way_m = sqrt(to_x * to_x + to_y * to_y)
-    if way_m <= 0.0:
-        return
-    way_x, way_y = to_x / way_m, to_y / way_m
     best = np.inf
     for one in range(count):
         for other in range(one + 1, count):
@@ -308,16 +304,27 @@ def find(
             width_m = sqrt(width2_m2)
             middle_x = 0.5 * (points[one, 0] + points[other, 0])
             middle_y = 0.5 * (points[one, 1] + points[other, 1])
-            ahead_m = middle_x * way_x + middle_y * way_y
-            if ahead_m <= 0.0 or ahead_m >= way_m:
-                continue
-            if abs(middle_y * way_x - middle_x * way_y) > ASIDE_M:
-                continue
             away_m = sqrt(middle_x * middle_x + middle_y * middle_y)
             cost = width_m + DISTANCE_COST * away_m
             if away_m > SIGHT_M or cost >= best:
                 continue
             unit_x, unit_y = x_m / width_m, y_m / width_m
+            # Where the way crosses the chord, or comes nearest to its middle.
+            nearest_m2, nearest = ASIDE_M * ASIDE_M, -1
+            for cell in range(1, path.shape[0]):
+                off_x, off_y = path[cell, 0] - middle_x, path[cell, 1] - middle_y
+                off_m2 = off_x * off_x + off_y * off_y
+                if off_m2 < nearest_m2:
+                    nearest_m2, nearest = off_m2, cell
+            if nearest < 1:
+                continue
+            last = min(nearest + 1, path.shape[0] - 1)
+            way_x = path[last, 0] - path[nearest - 1, 0]
+            way_y = path[last, 1] - path[nearest - 1, 1]
+            way_m = sqrt(way_x * way_x + way_y * way_y)
+            if way_m <= 0.0:
+                continue
+            way_x, way_y = way_x / way_m, way_y / way_m
             if abs(unit_x * way_y - unit_y * way_x) < ACROSS_MIN:
                 continue
             radius_m = 0.5 * width_m - CIRCLE_M

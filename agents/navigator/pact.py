@@ -20,7 +20,8 @@ from math import cos, inf, sin
 import msgspec
 import numpy as np
 
-from agents.navigator import announce
+from agents.navigator import announce, brake
+from agents.navigator.brake import slower
 from agents.navigator.compiled import compiled
 from agents.peers import Peer
 from swarm import geometry
@@ -39,9 +40,6 @@ ROUNDING_M = 1e-9
 OFF_M = 0.02
 # Parts of what is asked for, the first admitted is taken.
 PARTS = tuple([part / 20.0 for part in (20, 19, 18, 17, 16, 14, 12, 10, 8, 6, 4, 2, 1, 0)])
-# Room to obstacles on the braking way; where there is less, no nearer than they are by more than
-# CREEP_M in a tick, and never nearer than TOUCH_M.
-ROOM_M, CREEP_M, TOUCH_M = 0.03, 0.002, 0.01
 # Kept between bodies over what errors ask for, by each of two.
 GAP_M = 0.02
 
@@ -93,10 +91,9 @@ def pad_m(setup: RobotSetup, pose_error_m: float = 0.0, clock_error_s: float = 0
 def promise(setup: RobotSetup) -> Promise:
     """What this robot promises in every beacon."""
     robot = setup.robot
-    surely = 0.75 if robot.motion == "dynamic" else 1.0  # torques run short of what is asked for
     return Promise(
-        deceleration_mps2=surely * robot.acceleration_mps2_max,
-        turn_deceleration_radps2=surely * robot.turn_acceleration_radps2_max,
+        deceleration_mps2=brake.brakes_mps2(setup),
+        turn_deceleration_radps2=robot.turn_acceleration_radps2_max,
         keep_m=robot.body_radius_m + pad_m(setup),
     )
 
@@ -130,13 +127,15 @@ def hold(
     others: Sequence[Peer],
     statics: Sequence[Peer],
     points: Floats,
-) -> tuple[State, Held]:
-    """Set-point that keeps what was promised.
+    room_m: float,
+) -> tuple[State, Held | None]:
+    """Set-point that keeps what was promised, None where nobody is near.
 
     Args:
         others: peers that promise, heard lately.
         statics: those that do not, each where it is believed to be; they get half of the gap.
         points: (n, 2) m, world: obstacles, those near enough to matter.
+        room_m: no nearer to them.
     """
     robot, dt_s = setup.robot, setup.dt_s
     mine = promise(setup)
@@ -183,6 +182,8 @@ def hold(
             there = [peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
             rows.append([*there, keep_m, 1.0, STATIC, 1.0])
             names.append(peer.beacon.name)
+    if not rows:
+        return State(state.tick, state.sent), None
     count = min(count, announce.TICKS_MAX)
     sent = state.sent if state.tick == tick - 1 else ()
     slack = np.full((len(rows), count), -1.0)
@@ -197,12 +198,13 @@ def hold(
         len(sent),
         np.array((robot.speed_mps_max, robot.speed_mps_reverse_max, robot.turn_rate_radps_max)),
         robot.half_track_m,
+        np.array((robot.acceleration_mps2_max * dt_s, robot.turn_acceleration_radps2_max * dt_s)),
         asked.speed_mps,
         asked.turn_rate_radps,
-        np.array(rows) if rows else np.empty((0, FRESH + 1)),
+        np.array(rows),
         slack,
         points,
-        robot.body_radius_m,
+        room_m,
         dt_s,
         _PARTS,
         result,
@@ -260,12 +262,13 @@ def admit(
     sent_count: int,
     most: Floats,
     half_track_m: float,
+    change: Floats,
     asked_v_mps: float,
     asked_w_radps: float,
     peers: Floats,
     slack: Floats,
     points: Floats,
-    radius_m: float,
+    room_m: float,
     dt_s: float,
     parts: Floats,
     result: Floats,
@@ -276,15 +279,15 @@ def admit(
         body: (COLUMNS,) of `announce.path`: as measured.
         sent: (n, COLUMNS) own beacons of the last ticks, newest first; `sent_count` of them.
         most: (3,) bounds of the rates.
+        change: (2,) greatest change of both in a tick.
         peers: (peers, COLUMNS + 4): KEEP, AGE in ticks, KIND, FRESH: heard since the last tick.
         slack: (peers, ticks) m, surely free at the coming ticks, negative where nothing is known;
             filled with what is after this tick.
-        points: (points, 2) m, world.
+        points: (points, 2) m, world; `room_m`: no nearer to them, or no nearer than now.
         result: (4,) v, omega, part, and by whom it is less than one.
     """
     ticks = slack.shape[1]
     count = peers.shape[0]
-    change = body[6:8]
 
     # Own braking way as announced; where the body is not on it, the one from where it is.
     own = np.empty((max(1, sent_count), ticks, 2))
@@ -296,7 +299,7 @@ def admit(
         announce.path(sent[0], dt_s, 0, now)
         off_x, off_y = now[0, 0] - body[0], now[0, 1] - body[1]
         on_way = off_x * off_x + off_y * off_y <= OFF_M * OFF_M
-    v, w = reached(body[4], body[5], 0.0, 0.0, change, most, half_track_m)
+    v, w = slower(body[4], body[5], body[6], body[7])
     trial = body.copy()
     if not on_way:
         trial[4], trial[5] = v, w
@@ -339,8 +342,8 @@ def admit(
 
     # Obstacles within reach of the fastest braking way.
     fastest_mps = max(abs(body[4]), abs(asked_v_mps)) + change[0]
-    reach_m = radius_m + ROOM_M + fastest_mps * dt_s * 2.0
-    reach_m += fastest_mps * fastest_mps * dt_s / (2.0 * change[0])
+    reach_m = room_m + fastest_mps * dt_s * 2.0
+    reach_m += fastest_mps * fastest_mps * dt_s / (2.0 * body[6])
     near = np.empty((points.shape[0], 2))
     keeps2_m2 = np.empty(points.shape[0])
     nears = 0
@@ -349,9 +352,7 @@ def admit(
         apart2_m2 = x_m * x_m + y_m * y_m
         if apart2_m2 < reach_m * reach_m:
             near[nears, 0], near[nears, 1] = points[point, 0], points[point, 1]
-            keep_m = max(radius_m + TOUCH_M, np.sqrt(apart2_m2) - CREEP_M)
-            keep_m = min(radius_m + ROOM_M, keep_m)
-            keeps2_m2[nears] = keep_m * keep_m
+            keeps2_m2[nears] = min(room_m * room_m, apart2_m2 - 1e-9)
             nears += 1
 
     way = np.empty((ticks, 2))
@@ -360,10 +361,12 @@ def admit(
     for number in range(last + 1):
         # The last one stands for braking: it is what was announced, and taken come what may.
         part = parts[number] if number < last else 0.0
-        turning = asked_w_radps if number < last else 0.0
-        v, w = reached(
-            body[4], body[5], part * asked_v_mps, turning, change, most, half_track_m
-        )
+        if number < last:
+            v, w = reached(
+                body[4], body[5], part * asked_v_mps, asked_w_radps, change, most, half_track_m
+            )
+        else:
+            v, w = slower(body[4], body[5], body[6], body[7])
         trial[4], trial[5] = v, w
         announce.path(trial, dt_s, 0, way)
         if number < last:

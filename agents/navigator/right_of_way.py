@@ -17,6 +17,7 @@ from swarm.geometry import Floats, Vec2, length, wrap_angle
 from swarm.messages import Name, Passage, SensorFrame
 from swarm.scenario import RobotSetup
 
+PATH_STEP = 2  # every other cell of the way is looked at
 SIGHT_M = 4.2  # as far as hits are looked at for gaps
 WAITING_M = 0.15  # this near to where it waits it stands
 APPROACH = 0.7  # it brakes for that with this part of what the body can do
@@ -35,7 +36,7 @@ class State(msgspec.Struct, frozen=True):
         return self.gap.passage
 
 
-class Way(msgspec.Struct, frozen=True):
+class Course(msgspec.Struct, frozen=True):
     """Where right of way sends the robot."""
 
     direction_rad: float  # world
@@ -44,6 +45,8 @@ class Way(msgspec.Struct, frozen=True):
     active: bool  # on its way there
     round: bool = False  # it goes round a roundabout
     yields_to: Name | None = None
+    waits: bool = False  # beside the mouth of a gap
+    own: bool = True  # the direction is that of its own way
 
 
 def step(
@@ -51,27 +54,30 @@ def step(
     state: State,
     frame: SensorFrame,
     aim: Aim,
+    target: Vec2,
     others: Sequence[Peer],
     peers: Floats,
     seen: Sequence[Peer],
     points: Floats,
+    path: Floats,
     elapsed_s: float,
     *,
     parked: bool,
-) -> tuple[State, Way]:
+) -> tuple[State, Course]:
     """State and way at this tick.
 
     Args:
         others: all that were heard lately.
         peers, seen: of `table.of`; shares of those at the same gap are filled in.
-        points: (n, 2) m from here, world axes.
+        target: m, world: next way-point or the goal.
+        points: (n, 2) m from here, world axes: obstacles.
+        path: (cells, 2) m from here, world axes: the way.
     """
     robot = setup.robot
     position = (frame.pose.x_m, frame.pose.y_m)
     direction_rad, speed_mps = aim.direction_rad, aim.speed_mps
-    target = aim.subgoal
     if parked:
-        return State(), Way(direction_rad, 0.0, target, False)
+        return State(), Course(direction_rad, 0.0, target, False)
     gap, rule = gaps.step(
         state.gap,
         robot.name,
@@ -82,16 +88,20 @@ def step(
         robot.speed_mps_max,
         others,
         points,
+        path,
     )
     yields_to = None
     waits = holds = False
+    own = True
+    away_m = 0.0
     if rule is not None:
         assign(rule, peers, seen)
         waits, yields_to = rule.waits, rule.yields_to
         holds = gap.passage is not None and gap.passage.holds
-        to_x, to_y = rule.target[0] - position[0], rule.target[1] - position[1]
-        away_m = length(to_x, to_y)
-        direction_rad = atan2(to_y, to_x)
+        if rule.place is not None:
+            to_x, to_y = rule.place[0] - position[0], rule.place[1] - position[1]
+            away_m = length(to_x, to_y)
+            direction_rad, own = atan2(to_y, to_x), False
         if waits:
             brake_mps2 = APPROACH * robot.acceleration_mps2_max
             speed_mps = min(speed_mps, sqrt(2.0 * brake_mps2 * away_m))
@@ -102,7 +112,7 @@ def step(
     stuck_ = stuck.step(state.stuck, position, aim.distance_m, elapsed_s, free=free)
     circle, round_ = state.roundabout, False
     if stuck_.escape_s > 0.0:
-        direction_rad = wrap_angle(direction_rad + stuck_.turn_rad())
+        direction_rad, own = wrap_angle(direction_rad + stuck_.turn_rad()), False
     elif free and speed_mps > roundabout.SPEED_MIN * robot.speed_mps_max:
         circle, turned_rad = roundabout.step(
             circle,
@@ -115,10 +125,12 @@ def step(
             elapsed_s,
         )
         if turned_rad is not None:
-            direction_rad, round_ = turned_rad, True
+            direction_rad, round_, own = turned_rad, True, False
     active = stuck_.escape_s <= 0.0 and not waits
     state = State(circle, stuck_, gap)
-    return state, Way(direction_rad, speed_mps, target, active, round_, yields_to)
+    return state, Course(
+        direction_rad, speed_mps, target, active, round_, yields_to, waits, own
+    )
 
 
 def assign(rule: gaps.Rule, peers: Floats, seen: Sequence[Peer]) -> None:

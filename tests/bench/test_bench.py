@@ -41,6 +41,7 @@ ROWS = {
         for controller in ("extended", "paper")
         for longest in ("", ", longest")
     ),
+    *("step: alone, navigator", "step: alone, navigator, longest"),
     *("memory: real time", "memory: ticks"),
     *("telemetry: tick in memory", "telemetry: tick as processes"),
     *("telemetry: of it MCAP", "telemetry: of it Rerun"),

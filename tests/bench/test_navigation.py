@@ -77,7 +77,7 @@ def test_bench_navigation_shows_every_family_and_its_worst_runs_when_tiny(folder
     assert [row.family for row in found.rows] == [
         family for family in navigation.FAMILIES for _ in navigation.CONTROLLERS
     ]
-    assert len(found.runs) == len(found.rows) == 22
+    assert len(found.runs) == len(found.rows) == 33
     assert found.skipped == ()
     assert all(row.runs == 1 and row.met is None for row in found.rows)
     assert all(row.step_us is not None and row.step_us > 0.0 for row in found.rows)
@@ -164,7 +164,7 @@ def test_plan_has_the_full_sizes_when_nothing_is_asked(folder: Path) -> None:
         "barn": 2,
         "collision-avoidance": 1,
     }
-    assert plan.count == 2 * counts.total()
+    assert plan.count == 3 * counts.total()
 
 
 def test_plan_takes_seeds_beyond_a_list_only_where_instances_are_drawn(folder: Path) -> None:

@@ -54,16 +54,18 @@ def step(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
     """
     rows: list[Row] = []
     ticks_max, passes = (TINY_TICKS, 1) if tiny else (TICKS_MAX, PASSES)
-    for controller in ("extended", "paper"):
+    for controller in ("extended", "paper", "navigator"):
         progress(f"step: {controller}")
-        spent_us: dict[str, list[float]] = {role: [] for role in (*ROLES, LOOP)}
-        for name in (FORMATION, ALONE):
+        roles = ("alone",) if controller == "navigator" else tuple(ROLES)
+        spent_us: dict[str, list[float]] = {role: [] for role in (*roles, LOOP)}
+        for name in (ALONE,) if controller == "navigator" else (FORMATION, ALONE):
             plan = rehearsal.built_in(name, settings=[f"robot.controller={controller}"])
             for role, step_us in _steps_us(rehearsal.rehearse(plan, ticks_max), passes):
                 if role in spent_us:
                     spent_us[role].append(step_us)
         loop_us = statistics.median(spent_us[LOOP])
-        for role, (size, budget_us) in ROLES.items():
+        for role in roles:
+            size, budget_us = ROLES[role]
             for name, value_us, most_us in (
                 ("", statistics.median(spent_us[role]), budget_us),
                 (", longest", max(spent_us[role]), STEP_US_MAX),
