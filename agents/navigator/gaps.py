@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from agents.navigator.compiled import compiled
+from agents.navigator.table import RADIUS
 from agents.peers import Peer
 from swarm.geometry import Floats, Vec2, length
 from swarm.messages import Name, Passage
@@ -25,6 +26,7 @@ SLACK_M, TWO_ABREAST_M = 0.15, 0.25
 ASIDE_M, SIGHT_M = 0.4, 3.6  # its middle is this near to the way, and to the robot
 ACROSS_MIN = 0.35  # sine of the angle between chord and way
 FLANK_M, FLANK_NEAR_M = 1.4, 0.35  # both posts go on as walls: a hit this near to so far beyond
+BLOCKED_SHARE = 0.3  # of its width: something this near to its middle, and it is no gap
 CIRCLE_M = 0.04  # nothing stands inside the circle on the chord, less this
 DISTANCE_COST = 0.2  # of a chord further away
 BETTER_M = 0.01  # an outside robot replaces its chord by one no longer than this more
@@ -41,6 +43,7 @@ ANNOUNCED_TICKS = 6  # an opposite claimant has heard of it by then, whatever wa
 NEAR_M, NEAR_FOLLOWER_M = 1.7, 3.2
 EMERGED_M = 0.2  # outside this mouth an opposite holder is through
 PLATOON_TICKS = 75  # who claims later than this after the oldest waiting opponent waits too
+SLOW_SHARE = 0.25  # of its top speed: an opponent is taken to be no slower
 HURRY_S = 0.3  # it may set out this long before the last opponent is through
 # Waiting beside the mouth: so far before it, to its right, one behind the other.
 WAIT_NEAR_M, WAIT_BEFORE_M, WAIT_STEP_M, WAIT_RIGHT_M = 3.0, 0.75, 0.55, 0.85
@@ -53,7 +56,7 @@ class State(msgspec.Struct, frozen=True):
 
     passage: Passage | None = None
     width_m: float = 0.0
-    exit_m: float = 0.0  # along the axis from the mouth
+    end_m: float = 0.0  # of the narrow part, along the axis from the mouth
 
 
 class Rule(msgspec.Struct, frozen=True):
@@ -86,6 +89,7 @@ def step(
     radius_m: float,
     speed_mps: float,
     others: Sequence[Peer],
+    rows: Floats,
     points: Floats,
     path: Floats,
 ) -> tuple[State, Rule | None]:
@@ -94,10 +98,11 @@ def step(
     Args:
         target: m, world: next point on the way.
         others: peers heard lately.
+        rows: of `table`: those in sight, behind whom nothing is seen.
         points: (n, 2) m from here, world axes: obstacles in sight.
         path: (cells, 2) m from here, world axes: the way that is planned.
     """
-    state = look(state, tick, position, target, radius_m, points, path)
+    state = look(state, tick, position, target, radius_m, others, rows, points, path)
     mine = state.passage
     if mine is None:
         return state, None
@@ -109,7 +114,7 @@ def step(
         one for one in near if one.opposite and not (one.holds and one.along_m < -EMERGED_M)
     ]
     beside = [one for one in near if not one.opposite]
-    holds = grant(mine, name, tick, along_m, state.exit_m, speed_mps, beside, against)
+    holds = grant(mine, name, tick, along_m, state.end_m, speed_mps, beside, against)
     if holds != mine.holds:
         mine = msgspec.structs.replace(mine, holds=holds)
         state = msgspec.structs.replace(state, passage=mine)
@@ -122,6 +127,8 @@ def look(
     position: Vec2,
     target: Vec2,
     radius_m: float,
+    others: Sequence[Peer],
+    rows: Floats,
     points: Floats,
     path: Floats,
 ) -> State:
@@ -135,24 +142,28 @@ def look(
         ) * mine.axis[1]
         away_m = length(mine.mouth[0] - position[0], mine.mouth[1] - position[1])
         if (
-            along_m > state.exit_m
+            along_m > state.end_m + radius_m + CLEAR_M
             or behind <= 0.0
             or (along_m < 0.0 and away_m > FAR_M)
             or (along_m > OUTSIDE_M and abs(aside_m) > state.width_m)
+            or (along_m < -OUTSIDE_M and blocked(mine, state.width_m, position, points))
         ):
             state, mine = State(), None
     if mine is None or along_m < -OUTSIDE_M:
         found = np.zeros(5)
         least_m, most_m = 2.0 * radius_m + SLACK_M, 4.0 * radius_m + TWO_ABREAST_M
         if len(points) > 1 and len(path) > 1:
-            find(points, path, least_m, most_m, found)
+            find(points, path, rows, least_m, most_m, found)
         if found[0] > 0.0 and (mine is None or found[0] <= state.width_m + BETTER_M):
             mouth = (position[0] + float(found[1]), position[1] + float(found[2]))
             axis = (float(found[3]), float(found[4]))
             since, holds = (tick, False) if mine is None else (mine.since, mine.holds)
             if mine is None or same_line(mine, mouth, axis) > SAME:
                 mine = Passage(holds, mouth, axis, since)
-                state = State(mine, float(found[0]), max(state.exit_m, radius_m + CLEAR_M))
+                state = State(mine, float(found[0]), state.end_m)
+        if mine is None and (heard := hearsay(others, position, path)) is not None:
+            mine = Passage(False, heard.mouth, heard.axis, tick)
+            state = State(mine, most_m)
     if mine is not None:
         end_m = end(
             points,
@@ -162,10 +173,46 @@ def look(
             mine.axis[1],
             0.5 * state.width_m + CLEAR_M,
         )
-        exit_m = end_m + radius_m + CLEAR_M
-        if exit_m > state.exit_m:
-            state = msgspec.structs.replace(state, exit_m=exit_m)
+        if end_m > state.end_m:
+            state = msgspec.structs.replace(state, end_m=end_m)
     return state
+
+
+def blocked(mine: Passage, width_m: float, position: Vec2, points: Floats) -> bool:
+    """Whether there is no gap after all: something stands in the middle of it."""
+    if not len(points):
+        return False
+    x_m, y_m = mine.mouth[0] - position[0], mine.mouth[1] - position[1]
+    off_m = points - np.array((x_m, y_m))
+    away2_m2 = off_m[:, 0] * off_m[:, 0] + off_m[:, 1] * off_m[:, 1]
+    free_m = BLOCKED_SHARE * width_m
+    return bool((away2_m2 < free_m * free_m).any())
+
+
+def hearsay(others: Sequence[Peer], position: Vec2, path: Floats) -> Passage | None:
+    """A peer's claim to a gap that the way leads through in the same direction, the nearest one.
+
+    Whoever drives behind others does not see the gap that they drive through.
+    """
+    best, best_m = None, SIGHT_M
+    for peer in others:
+        claim = peer.beacon.passage
+        if claim is None or len(path) < 2:
+            continue
+        x_m, y_m = claim.mouth[0] - position[0], claim.mouth[1] - position[1]
+        away_m = length(x_m, y_m)
+        if away_m >= best_m or x_m * claim.axis[0] + y_m * claim.axis[1] < OUTSIDE_M:
+            continue
+        off_m = path - np.array((x_m, y_m))
+        away2_m2 = off_m[:, 0] * off_m[:, 0] + off_m[:, 1] * off_m[:, 1]
+        cell = int(away2_m2.argmin())
+        if float(away2_m2[cell]) >= ASIDE_M * ASIDE_M:
+            continue
+        last, first = min(cell + 1, len(path) - 1), max(cell - 1, 0)
+        along = (path[last] - path[first]) @ np.array(claim.axis)
+        if float(along) > 0.0:
+            best, best_m = claim, away_m
+    return best
 
 
 def of_axis(mine: Passage, place: Vec2) -> tuple[float, float]:
@@ -200,7 +247,9 @@ def same_gap(mine: Passage, peer: Peer) -> Other | None:
         along_m=along_m,
         holds=theirs.holds,
         opposite=product < 0.0,
-        speed_mps=peer.beacon.speed_mps_max,
+        speed_mps=max(
+            SLOW_SHARE * peer.beacon.speed_mps_max, abs(peer.beacon.twist.speed_mps)
+        ),
     )
 
 
@@ -209,7 +258,7 @@ def grant(
     name: Name,
     tick: int,
     along_m: float,
-    exit_m: float,
+    end_m: float,
     speed_mps: float,
     beside: Sequence[Other],
     against: Sequence[Other],
@@ -225,7 +274,7 @@ def grant(
     opponent = min([one.key for one in against], default=None)
     if along_m > -INSIDE_M:
         # Inside, all that can be given back is the way out, by those whose direction is worse.
-        inside = [one for one in holders if one.along_m < exit_m]
+        inside = [one for one in holders if one.along_m < end_m + INSIDE_M]
         mates = [one.key for one in beside if one.holds and one.along_m > -INSIDE_M]
         return not inside or min([key, *mates]) < min(one.key for one in inside)
     if mine.holds:
@@ -233,7 +282,10 @@ def grant(
     if tick - mine.since < ANNOUNCED_TICKS:
         return False
     approach_s = -along_m / speed_mps - HURRY_S
-    if any((one.along_m + EMERGED_M) / one.speed_mps > approach_s for one in holders):
+    if any(
+        one.along_m >= end_m + INSIDE_M or (one.along_m + EMERGED_M) / one.speed_mps > approach_s
+        for one in holders
+    ):
         return False
     followed = any(one.holds for one in beside)
     if -along_m > (NEAR_FOLLOWER_M if followed else NEAR_M):
@@ -283,13 +335,14 @@ def rule(
 
 @compiled
 def find(
-    points: Floats, path: Floats, least_m: float, most_m: float, found: Floats
+    points: Floats, path: Floats, rows: Floats, least_m: float, most_m: float, found: Floats
 ) -> None:
     """Narrow chord between two walls that the way leads through.
 
     Args:
         points: (n, 2) m from here.
         path: (cells, 2) m from here.
+        rows: of `table`: what lies behind them is not seen.
         found: (5,) width, middle, axis; the width stays 0.0 where there is none.
     """
     count = points.shape[0]
@@ -347,6 +400,18 @@ def find(
                 if off_x * off_x + off_y * off_y < FLANK_NEAR_M * FLANK_NEAR_M:
                     after = True
             if not (open_ and before and after):
+                continue
+            for row in range(rows.shape[0]):
+                off_x, off_y = rows[row, 0], rows[row, 1]
+                share = (off_x * middle_x + off_y * middle_y) / (away_m * away_m)
+                if 0.0 < share < 1.0:
+                    off_x -= share * middle_x
+                    off_y -= share * middle_y
+                    hidden_m = 0.5 * width_m + rows[row, RADIUS]
+                    if off_x * off_x + off_y * off_y < hidden_m * hidden_m:
+                        open_ = False
+                        break
+            if not open_:
                 continue
             best = cost
             axis_x, axis_y = -unit_y, unit_x

@@ -87,6 +87,7 @@ def step(
         robot.body_radius_m,
         robot.speed_mps_max,
         others,
+        peers,
         points,
         path,
     )
