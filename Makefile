@@ -4,13 +4,14 @@ PYTHON ?= python3
 BIN := .venv/bin
 VIEW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),native,none)
 
-.PHONY: help setup demo test test-kills test-fuzz test-soak lint types bench clean
+.PHONY: help setup demo test test-kills test-fuzz test-crowds test-soak lint types bench clean
 
 help:
 	@echo "make demo    six robots cross two obstacles in formation; opens Rerun where there is a display"
 	@echo "make test    lint, types, tests"
 	@echo "make test-kills  the full campaign of random kills"
 	@echo "make test-fuzz   a million payloads, 10,000 scenario files, 1,000 damaged recordings"
+	@echo "make test-crowds 30,000 crowds of robots that ask for anything and lose what others say"
 	@echo "make test-soak   a thousand kills and restarts in one run of 20 robots (2 minutes)"
 	@echo "make bench   what a swarm costs, as ratios"
 	@echo "make setup   only make .venv"
@@ -43,6 +44,9 @@ test-kills: setup
 
 test-fuzz: setup
 	$(BIN)/python -m pytest tests/fuzz --fuzz 50
+
+test-crowds: setup
+	$(BIN)/python -m pytest tests/agents/navigator/test_pact.py --crowds 10000 --timeout 0
 
 test-soak: setup
 	$(BIN)/python -m pytest tests/run/test_soak.py --soak 1000 -s

@@ -112,8 +112,8 @@ def leadership_order(leadership: Leadership) -> tuple[int, tuple[int, int, int, 
 class Promise(msgspec.Struct, frozen=True, array_like=True):
     """How its sender comes to rest if it is told nothing more: exactly so, from pose and twist.
 
-    It goes on with the beacon's twist for one tick, then brakes with both rates to the full. Whoever
-    promises never comes nearer to another's promise than the sum of both `keep_m`.
+    It goes on with the beacon's twist for one tick, then brakes, on that curve as far as its motors
+    can. The promises of two never come nearer to each other than the sum of their `keep_m`.
     """
 
     deceleration_mps2: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]

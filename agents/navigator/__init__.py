@@ -110,9 +110,15 @@ def step(
         state = msgspec.structs.replace(state, intent=Intent(), yields_to=None)
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
     rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m)
-    state, aim, course = give_way(setup, state, seen, frame, map, others, rows, near, aim, elapsed_s)
-    state, choice = choose(setup, state, seen, frame, map, rows, aim, course)
-    return drive(setup, state, seen, frame, map, rows, aim, course, choice)
+    if len(rows):
+        aim = straightened(setup, state, seen, frame, map, aim)
+    reach_m = setup.robot.body_radius_m + max(setup.navigator.reach_m, setup.navigator.barrier_m)
+    if len(rows):
+        reach_m = max(reach_m, right_of_way.SIGHT_M, cells.reach_m(setup.robot))
+    points_m = obstacles(setup, state, seen, frame, map, reach_m)
+    state, aim, course = give_way(setup, state, frame, others, rows, near, points_m, aim, elapsed_s)
+    state, choice = choose(setup, state, frame, rows, points_m, aim, course)
+    return drive(setup, state, frame, rows, points_m, aim, course, choice)
 
 
 def look(
@@ -150,13 +156,36 @@ def look(
     speed_mps = speed.cap(
         setup, rules, found, known, field_mm, pose, frame.twist.speed_mps, subgoal, index
     )
+    open_mps = setup.robot.speed_mps_max
     if is_last:
-        speed_mps = min(speed_mps, speed.at_goal(setup, goal_m))
+        open_mps = min(open_mps, speed.at_goal(setup, goal_m))
+    speed_mps = min(speed_mps, open_mps)
     if not found.path:
-        speed_mps = 0.0
+        speed_mps = open_mps = 0.0
     x_m, y_m = subgoal[0] - pose.x_m, subgoal[1] - pose.y_m
     direction_rad = pose.yaw_rad if (x_m, y_m) == (0.0, 0.0) else atan2(y_m, x_m)
-    return state, Aim(direction_rad, speed_mps, subgoal, goal_m, is_last, state.failed)
+    return state, Aim(
+        direction_rad, speed_mps, subgoal, goal_m, is_last, state.failed, open_mps=open_mps
+    )
+
+
+def straightened(
+    setup: RobotSetup, state: State, seen: SensorFrame, frame: SensorFrame, map: msam.Map, aim: Aim
+) -> Aim:
+    """Aim straight at the target where nothing known is near that line.
+
+    A way over the cells of a grid keeps to eight directions; among others it matters whether all
+    see each other's straight ways.
+    """
+    target, _ = target_of(setup, state)
+    if aim.reason or aim.open_mps == 0.0:
+        return aim
+    to_x_m, to_y_m = target[0] - frame.pose.x_m, target[1] - frame.pose.y_m
+    keep_m = setup.robot.body_radius_m + setup.navigator.comfort_m
+    points_m = obstacles(setup, state, seen, frame, map, aim.distance_m + keep_m)
+    if (to_x_m, to_y_m) == (0.0, 0.0) or not cells.is_clear(points_m, to_x_m, to_y_m, keep_m):
+        return aim
+    return msgspec.structs.replace(aim, direction_rad=atan2(to_y_m, to_x_m), subgoal=target)
 
 
 def pass_waypoints(setup: RobotSetup, state: State, frame: SensorFrame) -> State:
@@ -226,12 +255,11 @@ def give_up(setup: RobotSetup, state: State, goal_m: float, elapsed_s: float) ->
 def give_way(
     setup: RobotSetup,
     state: State,
-    seen: SensorFrame,
     frame: SensorFrame,
-    map: msam.Map,
     others: Sequence[Peer],
     rows: Floats,
     near: Sequence[Peer],
+    points_m: Floats,
     aim: Aim,
     elapsed_s: float,
 ) -> tuple[State, Aim, right_of_way.Course]:
@@ -239,17 +267,17 @@ def give_way(
 
     Args:
         rows, near: of `table.of`.
+        points_m: (points, 2) from here, world axes: obstacles.
     """
     tolerance_m = setup.robot.goal_tolerance_m
     parked_m = tolerance_m * (PARKED_OUT if state.parked else PARKED_IN)
     parked = aim.is_last and aim.distance_m < parked_m
-    points_m = np.empty((0, 2))
-    path_m = np.empty((0, 2))
-    if not parked and others and map.nearest_m < right_of_way.SIGHT_M:
-        points_m = obstacles(setup, state, seen, frame, map, right_of_way.SIGHT_M)
+    path_m: Floats = np.empty((0, 2))
+    if not parked and others and len(points_m):
         assert state.way is not None
-        path_m = state.way.path_mm()[state.way.index :][:: right_of_way.PATH_STEP] * 0.001
-        path_m = path_m - np.array((frame.pose.x_m, frame.pose.y_m))
+        cells_mm = state.way.path_mm()[state.way.index :][:: right_of_way.PATH_STEP]
+        here_m = np.array((frame.pose.x_m, frame.pose.y_m))
+        path_m = np.subtract(cells_mm * 0.001, here_m, dtype=np.float64)
     target, _ = target_of(setup, state)
     giving, course = right_of_way.step(
         setup,
@@ -265,19 +293,16 @@ def give_way(
         elapsed_s,
         parked=parked,
     )
-    state = msgspec.structs.replace(
-        state, giving=giving, parked=parked, yields_to=course.yields_to
-    )
+    state = msgspec.structs.replace(state, giving=giving, parked=parked, yields_to=course.yields_to)
     return state, aim, course
 
 
 def choose(
     setup: RobotSetup,
     state: State,
-    seen: SensorFrame,
     frame: SensorFrame,
-    map: msam.Map,
     rows: Floats,
+    points_m: Floats,
     aim: Aim,
     course: right_of_way.Course,
 ) -> tuple[State, cells.Choice]:
@@ -288,7 +313,6 @@ def choose(
         slow_mps = robot.speed_mps_max
         if aim.is_last and aim.distance_m < NEAR_GOAL_M and not state.parked:
             slow_mps = max(course.speed_mps, NEAR_GOAL_MPS)
-        reach_m = cells.OBSTACLE_S * robot.speed_mps_max + robot.body_radius_m + cells.OBSTACLE_M
         choice = cells.choose(
             course.direction_rad,
             course.speed_mps,
@@ -298,13 +322,11 @@ def choose(
             robot.body_radius_m,
             robot.speed_mps_max,
             rows,
-            obstacles(setup, state, seen, frame, map, reach_m),
+            points_m,
             keeps_right=course.round,
             parked=state.parked,
             slow_mps=slow_mps,
-            free_m=geometry.length(
-                aim.subgoal[0] - frame.pose.x_m, aim.subgoal[1] - frame.pose.y_m
-            )
+            free_m=geometry.length(aim.subgoal[0] - frame.pose.x_m, aim.subgoal[1] - frame.pose.y_m)
             if course.own
             else 0.0,
         )
@@ -325,18 +347,15 @@ def choose(
 def drive(
     setup: RobotSetup,
     state: State,
-    seen: SensorFrame,
     frame: SensorFrame,
-    map: msam.Map,
     rows: Floats,
+    points_m: Floats,
     aim: Aim,
     course: right_of_way.Course,
     choice: cells.Choice,
 ) -> tuple[State, Wish]:
     """Forces along and across that direction, and what to ask of the motors."""
     navigator, robot = setup.navigator, setup.robot
-    near_m = robot.body_radius_m + max(navigator.reach_m, navigator.barrier_m)
-    points_m = obstacles(setup, state, seen, frame, map, near_m)
     total = forces.add_up(setup, geometry.unit(choice.direction_rad), points_m)
     x, y = total.resultant
     error_rad = geometry.wrap_angle(atan2(y, x) - frame.pose.yaw_rad)

@@ -17,3 +17,4 @@ class Aim(msgspec.Struct, frozen=True):
     is_last: bool  # whether the goal itself comes next, not a way-point
     reason: str = ""  # why there is no way; "" when there is one
     held: bool = False  # it waits for others, so that clocks of the way stand
+    open_mps: float = 0.0  # cap by the goal alone, where the cells see to clearances

@@ -77,7 +77,7 @@ def path(body: Floats, dt_s: float, skip: int, places: Floats) -> None:
 
 
 def ticks(speed_mps: float, deceleration_mps2: float, dt_s: float) -> int:
-    """After how many ticks a body at that speed has come to rest, the one at that speed included."""
+    """After how many ticks a body has come to rest, the first one at that speed included."""
     return 1 + ceil(abs(speed_mps) / (deceleration_mps2 * dt_s) - 1e-9)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from agents.navigator import table
 from agents.navigator.compiled import compiled
 from swarm.geometry import Floats, Vec2, wrap_angle
+from swarm.scenario import Robot
 
 DIRECTIONS = 48
 STEP_RAD = 2.0 * pi / DIRECTIONS
@@ -41,6 +42,11 @@ class Choice(msgspec.Struct, frozen=True):
     direction_rad: float  # world
     speed_mps: float
     meets: bool  # somebody, on the preferred velocity
+
+
+def reach_m(robot: Robot) -> float:
+    """How far off obstacles matter."""
+    return OBSTACLE_S * robot.speed_mps_max + robot.body_radius_m + OBSTACLE_M
 
 
 def _units() -> Floats:
@@ -106,6 +112,27 @@ def choose(
 
 
 @compiled
+def is_clear(points: Floats, to_x: float, to_y: float, keep_m: float) -> bool:
+    """Whether no point lies nearer than `keep_m` to the straight way from here.
+
+    Args:
+        points: (points, 2) m from here.
+    """
+    way2_m2 = to_x * to_x + to_y * to_y
+    if way2_m2 <= 0.0:
+        return True
+    for point in range(points.shape[0]):
+        x_m, y_m = points[point, 0], points[point, 1]
+        share = (x_m * to_x + y_m * to_y) / way2_m2
+        share = max(0.0, min(1.0, share))
+        x_m -= share * to_x
+        y_m -= share * to_y
+        if x_m * x_m + y_m * y_m < keep_m * keep_m:
+            return False
+    return True
+
+
+@compiled
 def contact_s(x_m: float, y_m: float, v_x: float, v_y: float, keep_m: float) -> float:
     """When something at (x, y) comes nearer than `keep_m` at that velocity towards it, or inf."""
     apart2_m2 = x_m * x_m + y_m * y_m
@@ -117,7 +144,7 @@ def contact_s(x_m: float, y_m: float, v_x: float, v_y: float, keep_m: float) -> 
     root = closing * closing - speed2 * beyond
     if root <= 0.0:
         return np.inf
-    return max(0.0, beyond / (closing + np.sqrt(root)))
+    return max(0.0, float(beyond / (closing + np.sqrt(root))))
 
 
 @compiled

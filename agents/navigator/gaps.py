@@ -52,7 +52,7 @@ SHARE_HOLDER, SHARE_WAITER = 0.3, 1.0
 
 
 class State(msgspec.Struct, frozen=True):
-    """This robot's claim and what it saw of the gap."""
+    """Own claim, and what was seen of the gap."""
 
     passage: Passage | None = None
     width_m: float = 0.0
@@ -107,12 +107,8 @@ def step(
     if mine is None:
         return state, None
     along_m, _ = of_axis(mine, position)
-    near = [
-        other for peer in others if (other := same_gap(mine, peer)) is not None
-    ]
-    against = [
-        one for one in near if one.opposite and not (one.holds and one.along_m < -EMERGED_M)
-    ]
+    near = [other for peer in others if (other := same_gap(mine, peer)) is not None]
+    against = [one for one in near if one.opposite and not (one.holds and one.along_m < -EMERGED_M)]
     beside = [one for one in near if not one.opposite]
     holds = grant(mine, name, tick, along_m, state.end_m, speed_mps, beside, against)
     if holds != mine.holds:
@@ -247,9 +243,7 @@ def same_gap(mine: Passage, peer: Peer) -> Other | None:
         along_m=along_m,
         holds=theirs.holds,
         opposite=product < 0.0,
-        speed_mps=max(
-            SLOW_SHARE * peer.beacon.speed_mps_max, abs(peer.beacon.twist.speed_mps)
-        ),
+        speed_mps=max(SLOW_SHARE * peer.beacon.speed_mps_max, abs(peer.beacon.twist.speed_mps)),
     )
 
 

@@ -15,7 +15,7 @@ direction, and the next bound is a quarter of it: however many are lost, on whic
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, inf, sin
+from math import cos, sin
 
 import msgspec
 import numpy as np
@@ -24,7 +24,6 @@ from agents.navigator import announce, brake
 from agents.navigator.brake import slower
 from agents.navigator.compiled import compiled
 from agents.peers import Peer
-from swarm import geometry
 from swarm.geometry import Floats, Pose, Twist
 from swarm.messages import Beacon, Name, Promise
 from swarm.scenario import RobotSetup

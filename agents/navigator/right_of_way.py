@@ -1,6 +1,6 @@
 """Right of way: who goes first, and round what.
 
-    Aim, peers --gap claims--> target --stuck? roundabout?--> Way
+Aim, peers --gap claims--> target --stuck? roundabout?--> Way
 """
 
 from __future__ import annotations
@@ -75,7 +75,8 @@ def step(
     """
     robot = setup.robot
     position = (frame.pose.x_m, frame.pose.y_m)
-    direction_rad, speed_mps = aim.direction_rad, aim.speed_mps
+    direction_rad = aim.direction_rad
+    speed_mps = aim.open_mps if len(peers) else aim.speed_mps
     if parked:
         return State(), Course(direction_rad, 0.0, target, False)
     gap, rule = gaps.step(
@@ -129,9 +130,7 @@ def step(
             direction_rad, round_, own = turned_rad, True, False
     active = stuck_.escape_s <= 0.0 and not waits
     state = State(circle, stuck_, gap)
-    return state, Course(
-        direction_rad, speed_mps, target, active, round_, yields_to, waits, own
-    )
+    return state, Course(direction_rad, speed_mps, target, active, round_, yields_to, waits, own)
 
 
 def assign(rule: gaps.Rule, peers: Floats, seen: Sequence[Peer]) -> None:

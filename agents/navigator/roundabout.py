@@ -8,6 +8,7 @@ Nobody agrees with anybody: all see about the same conflicts, and so about the s
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import atan2, cos, pi, sin, sqrt
 
 import msgspec
@@ -27,8 +28,8 @@ FOLLOW = 0.01
 MEMORY_S = 1.6
 RADIUS_M_MAX = 8.0
 LONE_GAP = 1.6  # a gap this many times the mean one is not part of the ring
-BEYOND_S = 1.5
-LEAVES = 0.95
+BEYOND_S = 1.5  # a conflict so soon before either arrives is not one to go round
+CLEAR_SHARE = 0.95  # of the way to the ring: a goal that is no nearer to the centre is this side
 INSIDE_RAD_MAX = 0.6  # inside the circle it goes outwards by this at most
 LEAVE_RAD = 0.6 * pi  # a goal further left of the centre than this is not beyond it
 SPEED_MIN = 0.3  # of the top speed; slower robots do not go round
@@ -60,7 +61,7 @@ def step(
         peers: rows of `table`.
     """
     to_x, to_y = target[0] - position[0], target[1] - position[1]
-    met = np.zeros(len(peers), np.int64)
+    met = np.zeros(len(peers))
     found = np.zeros(5)
     if len(peers):
         conflicts(to_x, to_y, speed_mps, radius_m, peers, met, found)
@@ -93,13 +94,13 @@ def step(
     else:
         tangent_rad = pi / 2.0 + min(INSIDE_RAD_MAX, ring_m - away_m)
     aside_rad = wrap_angle(direction_rad - centre_rad)
-    if LEAVES and aside_rad < 0.0:
+    if aside_rad < 0.0:
         # Straight on to a goal that lies this side of the ring is out of everybody's way.
         goal_m = length(to_x, to_y)
         ahead_m = away_m * cos(aside_rad)
         goal_x, goal_y = to_x - x_m, to_y - y_m
         nearest_m = away_m if ahead_m <= 0.0 else length(goal_x, goal_y)
-        if (ahead_m <= 0.0 or ahead_m >= goal_m) and nearest_m >= LEAVES * min(ring_m, away_m):
+        if (ahead_m <= 0.0 or ahead_m >= goal_m) and nearest_m >= CLEAR_SHARE * min(ring_m, away_m):
             return state, None
     if -tangent_rad < aside_rad < LEAVE_RAD:
         return state, wrap_angle(centre_rad - tangent_rad)
@@ -111,7 +112,7 @@ def radius(bearings: list[float], spacing_m: float) -> float:
     if len(bearings) < 2:
         return spacing_m / 2.0
     order = sorted(bearings)
-    gaps = [after - before for before, after in zip(order, order[1:], strict=False)]
+    gaps = [after - before for before, after in pairwise(order)]
     gaps.append(2.0 * pi - (order[-1] - order[0]))
     mean_rad = 2.0 * pi / len(order)
     largest_rad = max(gaps)
@@ -135,7 +136,7 @@ def conflicts(
 
     Args:
         to_x, to_y: m from here to the target.
-        met: (peers,) filled with 1 for a conflict.
+        met: (peers,) filled with 1.0 for a conflict.
         found: how many there are, mean midpoint x and y from here.
     """
     way_m = np.sqrt(to_x * to_x + to_y * to_y)
@@ -171,7 +172,7 @@ def conflicts(
         weights += weight
         sum_x += weight * (after_s * v_x + 0.5 * near_x)
         sum_y += weight * (after_s * v_y + 0.5 * near_y)
-        met[row] = 1
+        met[row] = 1.0
         count += 1.0
     found[0] = count
     if count > 0.0:

@@ -30,9 +30,7 @@ class State(msgspec.Struct, frozen=True):
         return self.side * ESCAPE_RAD if self.escape_s > 0.0 else 0.0
 
 
-def step(
-    state: State, position: Vec2, distance_m: float, elapsed_s: float, *, free: bool
-) -> State:
+def step(state: State, position: Vec2, distance_m: float, elapsed_s: float, *, free: bool) -> State:
     """State at this tick.
 
     Args:
@@ -41,8 +39,10 @@ def step(
     """
     if state.escape_s > 0.0:
         left_s = state.escape_s - elapsed_s
-        return State(position, 0.0, left_s, state.side) if left_s > 0.0 else State(
-            position, side=-state.side
+        return (
+            State(position, 0.0, left_s, state.side)
+            if left_s > 0.0
+            else State(position, side=-state.side)
         )
     if (
         not free

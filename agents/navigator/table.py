@@ -15,9 +15,9 @@ from swarm.geometry import Floats
 
 SIGHT_M = 5.5  # who is further away does not matter yet
 
-# Columns: where it is from here, m; the velocity it means to have, m/s; where it wants to go, m from
-# here; its top speed, body radius; whether it is on its way there; which part of giving way to it
-# is ours; whether it is a risk at all.
+# Columns: where it is from here, m; the velocity it means to have, m/s; where it wants to go, m
+# from here; its top speed, body radius; whether it is on its way there; which part of giving way
+# to it is ours; whether it is a risk at all.
 X, Y, U_X, U_Y, TARGET_X, TARGET_Y, SPEED, RADIUS, ACTIVE, SHARE, RISK = range(11)
 COLUMNS = 11
 

@@ -1,0 +1,131 @@
+"""Robots that ask for anything, with the guard between them and nothing else: a world for it.
+
+draw --robots, moods, lost beacons--> pact.hold, world.motion, tick by tick --> least distance
+"""
+
+from __future__ import annotations
+
+import random
+from math import atan2, cos, dist, inf, pi
+
+import numpy as np
+
+from agents import peers
+from agents.navigator import pact
+from agents.peers import Peer
+from swarm.geometry import STILL, Pose, Twist
+from swarm.messages import Beacon
+from swarm.scenario import Robot, RobotSetup, Scenario
+from world import motion
+
+DT_S = 0.08
+PATIENCE_TICKS = 6
+LOSSES_MAX = 5  # in a row, on one link
+NOTHING = np.empty((0, 2))
+
+
+def robots(draw: random.Random) -> list[Robot]:
+    """Two to four of different size, speed and brakes, so far apart that none is too near."""
+    count = draw.choice((2, 2, 3, 4))
+    side_m = 1.0 + 0.4 * count
+    found: list[Robot] = []
+    while len(found) < count:
+        x_m, y_m = draw.uniform(-side_m, side_m), draw.uniform(-side_m, side_m)
+        radius_m = draw.choice((0.1, 0.2, 0.2, 0.5))
+        robot = Robot(
+            name=f"robot{len(found) + 1}",
+            start=(x_m, y_m, draw.uniform(-3.0, 3.0)),
+            goal=(0.0, 0.0),
+            controller="navigator",
+            body_radius_m=radius_m,
+            half_track_m=min(0.17, radius_m),
+            speed_mps_max=draw.choice((0.5, 1.0, 1.0, 2.0)),
+            acceleration_mps2_max=draw.choice((1.0, 2.0, 2.0, 4.0)),
+            turn_acceleration_radps2_max=draw.choice((4.0, 8.0, 12.0)),
+        )
+        pads_m = 2.0 * 0.2
+        if all(
+            dist(robot.start[:2], other.start[:2]) > radius_m + other.body_radius_m + pads_m
+            for other in found
+        ):
+            found.append(robot)
+        side_m += 0.02
+    return found
+
+
+def wish(draw: random.Random, mood: int, robot: Robot, pose: Pose, others: list[Peer]) -> Twist:
+    """What the stages before the guard might ask for: noise, a rush at the nearest, a circle."""
+    fastest_mps, fastest_radps = robot.speed_mps_max, robot.turn_rate_radps_max
+    if mood == 0 or not others:
+        return Twist(draw.uniform(-0.4, 1.0) * fastest_mps, draw.uniform(-1.0, 1.0) * fastest_radps)
+    if mood == 1:
+        return Twist(fastest_mps, draw.choice((-1.0, 0.0, 1.0)) * fastest_radps)
+    nearest = min(others, key=lambda peer: peer.distance_m)
+    error_rad = atan2(nearest.offset[1], nearest.offset[0]) - pose.yaw_rad
+    error_rad = (error_rad + pi) % (2.0 * pi) - pi
+    return Twist(fastest_mps * max(0.0, cos(error_rad)), 4.0 * error_rad)
+
+
+def least_gap_m(draw: random.Random, loss: float, ticks: int = 100) -> tuple[float, float]:
+    """Least distance of two bodies beyond both their pads in one run, and the way all went.
+
+    Args:
+        loss: probability that a beacon is lost; no more than LOSSES_MAX in a row are.
+    """
+    bodies = robots(draw)
+    plan = Scenario(title="crowd", seed=0, dt_s=DT_S, duration_s=60.0, robots=tuple(bodies))
+    setups = [plan.setup(body.name) for body in bodies]
+    keeps_m = [body.body_radius_m + pact.pad_m(setup) for body, setup in _pairs(bodies, setups)]
+    poses, twists = [Pose(*body.start) for body in bodies], [STILL for _ in bodies]
+    states = [pact.State() for _ in bodies]
+    known: list[tuple[Beacon, ...]] = [() for _ in bodies]
+    said: list[Beacon] = []
+    lost: dict[tuple[int, int], int] = {}
+    moods = [draw.randrange(3) for _ in bodies]
+    gap_m, way_m = inf, 0.0
+    for tick in range(ticks):
+        new: list[Beacon] = []
+        for row, (body, setup) in enumerate(_pairs(bodies, setups)):
+            heard = []
+            for speaker, beacon in enumerate(said):
+                link = (row, speaker)
+                if speaker == row:
+                    continue
+                if lost.get(link, 0) < LOSSES_MAX and draw.random() < loss:
+                    lost[link] = lost.get(link, 0) + 1
+                else:
+                    lost[link] = 0
+                    heard.append(beacon)
+            known[row] = peers.remember(known[row], heard, body.name, tick, PATIENCE_TICKS)
+            others = peers.now(known[row], poses[row], tick, DT_S)
+            if draw.random() < 0.05:
+                moods[row] = draw.randrange(3)
+            asked = wish(draw, moods[row], body, poses[row], others) if tick else STILL
+            states[row], held = pact.hold(
+                setup, states[row], tick, poses[row], twists[row], asked, others, [], NOTHING, 0.0
+            )  # fmt: skip
+            set_point = motion.limited(body, twists[row], asked, dt_s=DT_S)
+            if held is not None:
+                set_point = held.set_point
+            beacon = Beacon(
+                body.name, tick, 0, poses[row], set_point, body.body_radius_m,
+                body.speed_mps_max, "GO", False, (0, 0, 0, row), promise=pact.promise(setup),
+            )  # fmt: skip
+            states[row] = pact.send(setup, states[row], beacon)
+            new.append(beacon)
+        said = new
+        for row, body in enumerate(bodies):
+            before = poses[row]
+            poses[row], twists[row] = motion.step(
+                body, before, twists[row], said[row].twist, dt_s=DT_S
+            )
+            way_m += dist((before.x_m, before.y_m), (poses[row].x_m, poses[row].y_m))
+        for row, pose in enumerate(poses):
+            for other in range(row):
+                apart_m = dist((pose.x_m, pose.y_m), (poses[other].x_m, poses[other].y_m))
+                gap_m = min(gap_m, apart_m - keeps_m[row] - keeps_m[other])
+    return gap_m, way_m
+
+
+def _pairs(bodies: list[Robot], setups: list[RobotSetup]) -> list[tuple[Robot, RobotSetup]]:
+    return list(zip(bodies, setups, strict=True))

@@ -1,0 +1,88 @@
+"""No two robots touch, whatever they ask for and whatever beacons are lost."""
+
+from __future__ import annotations
+
+import random
+from math import cos, sin
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.navigator import announce, brake, pact
+from swarm.geometry import Pose, Twist
+from swarm.run.bench.navigation.cases import NEUTRAL
+from tests.agents.navigator import crowd
+from world import motion
+
+ROUNDING_M = 1e-6
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.2, 0.6])
+def test_robots_keep_apart_whatever_they_ask_for(
+    loss: float, request: pytest.FixtureRequest
+) -> None:
+    count = request.config.getoption("--crowds")
+    gone_m = 0.0
+    for number in range(count):
+        gap_m, way_m = crowd.least_gap_m(random.Random(f"{loss} {number}"), loss)
+        assert gap_m >= -ROUNDING_M, f"crowd {number} at loss {loss}"
+        gone_m += way_m
+    assert gone_m > 2.0 * count  # or nobody moves, and nothing is tested
+
+
+@given(
+    yaw_rad=st.floats(-3.1, 3.1),
+    speed_mps=st.floats(-0.4, 1.0),
+    turn_rate_radps=st.floats(-2.5, 2.5),
+)
+def test_the_announced_way_is_the_one_that_the_body_goes(
+    yaw_rad: float, speed_mps: float, turn_rate_radps: float
+) -> None:
+    pose = Pose(1.0, -2.0, yaw_rad)
+    asked = Twist(speed_mps, turn_rate_radps)
+    twist = motion.limited(NEUTRAL, asked, asked, dt_s=0.08)
+    brakes = (0.9 * 2.0 * 0.08, 8.0 * 0.08)
+    body = [pose.x_m, pose.y_m, cos(yaw_rad), sin(yaw_rad)]
+    body += [twist.speed_mps, twist.turn_rate_radps, *brakes]
+    told = announce.places(body, 12, 0.08)
+    set_point = twist
+    for tick in range(12):
+        pose, twist = motion.step(NEUTRAL, pose, twist, set_point, dt_s=0.08)
+        assert abs(pose.x_m - told[tick, 0]) + abs(pose.y_m - told[tick, 1]) < 1e-9
+        set_point = Twist(*brake.slower(twist.speed_mps, twist.turn_rate_radps, *brakes))
+    assert twist.speed_mps == 0.0
+
+
+@given(
+    speed_mps=st.floats(-2.0, 2.0),
+    turn_rate_radps=st.floats(-4.0, 4.0),
+    change=st.tuples(st.floats(-0.3, 0.3), st.floats(-1.0, 1.0)),
+)
+def test_what_is_reached_is_what_the_world_makes_of_it(
+    speed_mps: float, turn_rate_radps: float, change: tuple[float, float]
+) -> None:
+    asked = Twist(speed_mps, turn_rate_radps)
+    twist = motion.limited(NEUTRAL, asked, asked, dt_s=0.08)
+    goal = Twist(twist.speed_mps + change[0], twist.turn_rate_radps + change[1])
+    world = motion.limited(NEUTRAL, twist, goal, dt_s=0.08)
+    v_mps, w_radps = pact.reached(
+        twist.speed_mps,
+        twist.turn_rate_radps,
+        goal.speed_mps,
+        goal.turn_rate_radps,
+        np.array((2.0 * 0.08, 8.0 * 0.08)),
+        np.array((1.0, 0.4, 2.5)),
+        NEUTRAL.half_track_m,
+    )
+    assert abs(v_mps - world.speed_mps) < 1e-12
+    assert abs(w_radps - world.turn_rate_radps) < 1e-12
+
+
+@settings(max_examples=200)
+@given(angle_rad=st.floats(-50.0, 50.0))
+def test_turns_without_the_sines_of_a_compiler(angle_rad: float) -> None:
+    cosine, sine = announce.turn(angle_rad)
+    assert abs(cosine - cos(angle_rad)) < 1e-12
+    assert abs(sine - sin(angle_rad)) < 1e-12
