@@ -10,7 +10,7 @@ Each stage is a module of pure functions with a state of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, cos, pi
+from math import atan2, cos, pi, sqrt
 
 import msgspec
 
@@ -39,6 +39,7 @@ PLACE_M, PLACE_S = 0.2, 3.0
 # Without a way for so long it forgets all that it does not see, once; the second time it gives up.
 CLOSED_S = 3.0
 NEARER_M = 0.15  # nearer to the goal than ever by this is headway
+TURN_BRAKES_SHARE = 0.7
 TURN_RAD_MAX = 1.2  # further off the direction it turns on the spot
 BEHIND_RAD = 3.09  # beyond it the goal is straight behind: it turns the way it turned last
 
@@ -244,8 +245,11 @@ def drive(
         error_rad = sense * abs(error_rad)
     elif error_rad != 0.0:
         sense = 1 if error_rad > 0.0 else -1
+    # No faster than it can stop turning again: with weak motors it would swing to and fro.
+    turning_radps2 = TURN_BRAKES_SHARE * setup.robot.turn_acceleration_radps2_max
     turn_rate_radps = steering.clip(
-        navigator.heading_gain_1ps * error_rad, setup.robot.turn_rate_radps_max
+        navigator.heading_gain_1ps * error_rad,
+        min(setup.robot.turn_rate_radps_max, sqrt(2.0 * turning_radps2 * abs(error_rad))),
     )
     ahead = cos(error_rad) if abs(error_rad) <= TURN_RAD_MAX else 0.0
     if sense != state.turn_sense:
