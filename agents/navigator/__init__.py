@@ -14,7 +14,7 @@ from math import atan2, cos, pi, sqrt
 
 import msgspec
 
-from agents import lateness, msam, steering
+from agents import lateness, msam, peers, steering
 from agents.guard import Limit
 from agents.navigator import brake, forces, memory, predict, speed, way
 from agents.navigator.aim import Aim
@@ -79,7 +79,7 @@ def step(
 ) -> tuple[State, Wish]:
     """One tick on the way to `setup.robot.goal` by way of its way-points."""
     seen, frame = frame, predict.ahead(setup, late, frame)
-    state, aim = look(setup, state, seen, frame, map, elapsed_s)
+    state, aim = look(setup, state, seen, frame, map, others, elapsed_s)
     if aim.is_last and aim.distance_m < setup.robot.goal_tolerance_m:
         return state, Wish(mode="ARRIVED", arrived=True, waypoint=aim.subgoal)
     if state.failed:
@@ -97,6 +97,7 @@ def look(
     seen: SensorFrame,
     frame: SensorFrame,
     map: msam.Map,
+    others: Sequence[Peer],
     elapsed_s: float,
 ) -> tuple[State, Aim]:
     """Memory and way: where to go were there no peers.
@@ -118,7 +119,8 @@ def look(
     # 2. Find the way.
     tolerance_m = setup.robot.goal_tolerance_m if is_last else setup.robot.via_tolerance_m
     found = way.step(rules, state.way, known, field_mm, pose, target, tolerance_m)
-    state = give_up(setup, replace(state, memory=known, way=found), goal_m, elapsed_s)
+    state = replace(state, memory=known, way=found)
+    state = give_up(setup, state, others, goal_m, elapsed_s)
     # 3. Aim at the farthest point of it that can be driven to straight on.
     look_m = setup.navigator.look_m + setup.navigator.look_s * abs(frame.twist.speed_mps)
     factor = setup.navigator.chord_factor
@@ -181,13 +183,20 @@ def doubt(
     return replace(state, still_s=0.0, place=here, place_s=0.0, doubts=state.doubts + 1), known
 
 
-def give_up(setup: RobotSetup, state: State, goal_m: float, elapsed_s: float) -> State:
-    """State with what there is to say about there being no way."""
+def give_up(
+    setup: RobotSetup, state: State, others: Sequence[Peer], goal_m: float, elapsed_s: float
+) -> State:
+    """State with what there is to say about there being no way.
+
+    A peer that stands in sight may be what closes it, and may go: that is too long at worst.
+    """
     replace = msgspec.structs.replace
     assert state.way is not None
     if state.held:
         elapsed_s = 0.0
     closed_s = state.closed_s + elapsed_s if state.way.closed else 0.0
+    if any(peers.stands(one.beacon) and one.distance_m < setup.sensor.range_m for one in others):
+        closed_s = min(closed_s, state.closed_s)
     best_m, best_s = state.best_m, state.best_s + elapsed_s
     if goal_m < best_m - NEARER_M:
         best_m, best_s = goal_m, 0.0

@@ -23,7 +23,7 @@ from swarm.geometry import Floats, Pose, Vec2
 
 Path = npt.NDArray[np.int64]  # (cells, 2) mm, world
 
-EXPANSIONS_MAX = 3000  # in one tick, about 1 ms; a longer search goes on in the next one
+EXPANSIONS_MAX = 5000  # in one tick, about 0.8 ms; a longer search goes on in the next one
 AGAIN_TICKS = 6  # least between plans when memory has lost something, or there is no way
 DEARER, DEARER_CELLS = 1.01, 0.2  # a way that has become dearer by this is planned again
 OFF_MM = 500.0  # likewise when the robot is this far off it
