@@ -4,7 +4,16 @@
     Aim, peers --right of way: roundabout, gap claims--> Aim
     Aim, peers, memory --cells in time--> direction, speed --forces--> wish --guard--> set-point
 
-Each stage is a module of pure functions with a state of its own.
+Each stage is a module of pure functions; what must be remembered is in one State.
+
+law       clearance -> speed and cost, the same for all stages
+predict   pose and twist at which what is decided now takes effect
+memory    hits -> points in a window -> distances       (points: its inner loops)
+way       distances, goal -> way, sub-goal              (search, chords: its inner loops)
+speed     clearance along the way -> the highest speed
+forces    pull, points around -> the direction to steer in
+brake     asked -> allowed: the robot can always stop without contact
+warm      all inner loops called once, before robots are started
 """
 
 from __future__ import annotations
@@ -36,6 +45,7 @@ STILL_S, STILL_MPS, STILL_RADPS = 1.0, 0.03, 0.2
 DOUBT_M, DOUBTS = 1.5, 3
 # Likewise one that has not left a place of this size for so long and a turn.
 PLACE_M, PLACE_S = 0.2, 3.0
+BESIDE_M = 1.0  # hull to hull, a peer this near may be why
 # Without a way for so long it forgets all that it does not see, once; the second time it gives up.
 CLOSED_S = 3.0
 NEARER_M = 0.15  # nearer to the goal than ever by this is headway
@@ -114,7 +124,7 @@ def look(
     # 1. Remember.
     known = state.memory or memory.empty(rules, pose)
     known = memory.shifted(rules, known, pose)
-    state, known = doubt(setup, rules, state, known, frame, elapsed_s)
+    state, known = doubt(setup, rules, state, known, frame, others, elapsed_s)
     known, field_mm = memory.observe(rules, known, seen.pose, seen.ranges_m(), map.ranges_m)
     # 2. Find the way.
     tolerance_m = setup.robot.goal_tolerance_m if is_last else setup.robot.via_tolerance_m
@@ -159,11 +169,21 @@ def target_of(setup: RobotSetup, state: State) -> tuple[Vec2, bool]:
 
 
 def doubt(
-    setup: RobotSetup, rules: Law, state: State, known: Memory, frame: SensorFrame, elapsed_s: float
+    setup: RobotSetup,
+    rules: Law,
+    state: State,
+    known: Memory,
+    frame: SensorFrame,
+    others: Sequence[Peer],
+    elapsed_s: float,
 ) -> tuple[State, Memory]:
-    """State and memory after a look at whether the robot is stuck in what it remembers."""
+    """State and memory after a look at whether the robot is stuck in what it remembers.
+
+    Beside a peer it is not: that may be what holds it.
+    """
     replace = msgspec.structs.replace
-    if state.held:
+    beside_m = setup.robot.body_radius_m + BESIDE_M
+    if state.held or any(one.distance_m < beside_m + one.beacon.body_radius_m for one in others):
         return replace(state, still_s=0.0, place=None), known
     if state.closed_s > CLOSED_S and not state.forgot:
         known = memory.empty(rules, frame.pose, known.version + 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -204,3 +205,14 @@ def test_a_way_to_a_goal_far_away_leads_straight_to_the_border() -> None:
     x_mm, y_mm = found.path_mm()[-1].tolist()
     assert x_mm == 4000
     assert y_mm == 2800  # straight on
+
+
+def test_cells_grow_with_large_bodies_so_that_points_cost_no_more() -> None:
+    rules = law(Navigator(), 3.0)
+    assert rules.cell_mm == 500
+    assert rules.reach_mm / rules.cell_mm < 9
+
+
+def test_a_window_has_no_more_cells_than_a_tick_can_bear() -> None:
+    with pytest.raises(ValueError, match="at most 500 cells"):
+        Navigator(window_m=22.0, cell_m=0.03)
