@@ -14,6 +14,7 @@ steering    force -> set-point; gap choice
 controllers one's own, each a file there
 rotation    ROUND: along the wall out of a trap, or FAILED
 seek        a goal of its own: GO, ROUND, ARRIVED
+navigator   a goal of its own, by a map with memory: a package, its stages are named there
 formation   slot, way-point, bearing switch                     eq. 39 to 46
 pid         adaptive tracking                                   eq. 44, 47 to 64
 stray       stuck on the spot: round it; in a jam: back off

@@ -370,7 +370,7 @@ def decide(
     """State and wish of the mode that is in force. The only place that knows controllers."""
     if role == "leader":
         return lead(setup, state, frame, map, others, elapsed_s)
-    extended = setup.robot.controller == "extended"
+    extended = setup.robot.controller != "paper"
     replace = msgspec.structs.replace
     if role == "follower":
         leader = leader_of(state, others)
@@ -451,7 +451,7 @@ def lose_touch(
         map,
         others,
         speed_mps=setup.robot.cruise_speed_mps,
-        extended=setup.robot.controller == "extended",
+        extended=setup.robot.controller != "paper",
         waiting=is_held_up(state),
         elapsed_s=elapsed_s,
     )
@@ -490,7 +490,7 @@ def lead(
             map,
             (),
             speed_mps=cruise_mps * factor,
-            extended=setup.robot.controller == "extended",
+            extended=setup.robot.controller != "paper",
             waiting=is_held_up(state),
             elapsed_s=elapsed_s,
         )

@@ -276,6 +276,13 @@ class Navigator(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     guard_margin_m: NotNegative = 0.03
     give_up_s: Positive = 150.0  # without coming nearer to the goal; then FAILED
 
+    def __post_init__(self) -> None:
+        if self.window_m > 500.0 * self.cell_m:
+            raise ValueError(
+                f"expected navigator.window_m of at most 500 cells of cell_m ({self.cell_m}), "
+                f"got {self.window_m}"
+            )
+
 
 class Clock(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How simulation time passes."""

@@ -4,13 +4,22 @@
     Aim, peers --right of way: roundabout, gap claims--> Aim
     Aim, peers, memory --cells in time--> direction, speed --forces--> wish --guard--> set-point
 
-Each stage is a module of pure functions with a state of its own.
+Each stage is a module of pure functions; what must be remembered is in one State.
+
+law       clearance -> speed and cost, the same for all stages
+predict   pose and twist at which what is decided now takes effect
+memory    hits -> points in a window -> distances       (points: its inner loops)
+way       distances, goal -> way, sub-goal              (search, chords: its inner loops)
+speed     clearance along the way -> the highest speed
+forces    pull, points around -> the direction to steer in
+brake     asked -> allowed: the robot can always stop without contact
+warm      all inner loops called once, before robots are started
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, cos, inf, pi
+from math import atan2, cos, inf, pi, sqrt
 
 import msgspec
 import numpy as np
@@ -48,9 +57,11 @@ STILL_S, STILL_MPS, STILL_RADPS = 1.0, 0.03, 0.2
 DOUBT_M, DOUBTS = 1.5, 3
 # Likewise one that has not left a place of this size for so long and a turn.
 PLACE_M, PLACE_S = 0.2, 3.0
+BESIDE_M = 1.0  # hull to hull, a peer this near may be why
 # Without a way for so long it forgets all that it does not see, once; the second time it gives up.
 CLOSED_S = 3.0
 NEARER_M = 0.15  # nearer to the goal than ever by this is headway
+TURN_BRAKES_SHARE = 0.7
 TURN_RAD_MAX = 1.2  # further off the direction it turns on the spot
 # Parked within this part of the goal's tolerance, until it is further off than the other part.
 PARKED_IN, PARKED_OUT = 0.6, 0.95
@@ -105,7 +116,7 @@ def step(
 ) -> tuple[State, Wish]:
     """One tick on the way to `setup.robot.goal` by way of its way-points."""
     seen, frame = frame, predict.ahead(setup, late, frame)
-    state, aim = look(setup, state, seen, frame, map, elapsed_s)
+    state, aim = look(setup, state, seen, frame, map, others, elapsed_s)
     if state.failed:
         state = msgspec.structs.replace(state, intent=Intent(), yields_to=None)
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
@@ -127,6 +138,7 @@ def look(
     seen: SensorFrame,
     frame: SensorFrame,
     map: msam.Map,
+    others: Sequence[Peer],
     elapsed_s: float,
 ) -> tuple[State, Aim]:
     """Memory and way: where to go were there no peers.
@@ -143,12 +155,13 @@ def look(
     # 1. Remember.
     known = state.memory or memory.empty(rules, pose)
     known = memory.shifted(rules, known, pose)
-    state, known = doubt(setup, rules, state, known, frame, elapsed_s)
+    state, known = doubt(setup, rules, state, known, frame, others, elapsed_s)
     known, field_mm = memory.observe(rules, known, seen.pose, seen.ranges_m(), map.ranges_m)
     # 2. Find the way.
     tolerance_m = setup.robot.goal_tolerance_m if is_last else setup.robot.via_tolerance_m
     found = way.step(rules, state.way, known, field_mm, pose, target, tolerance_m)
-    state = give_up(setup, replace(state, memory=known, way=found), goal_m, elapsed_s)
+    state = replace(state, memory=known, way=found)
+    state = give_up(setup, state, others, goal_m, elapsed_s)
     # 3. Aim at the farthest point of it that can be driven to straight on.
     look_m = setup.navigator.look_m + setup.navigator.look_s * abs(frame.twist.speed_mps)
     factor = setup.navigator.chord_factor
@@ -210,11 +223,21 @@ def target_of(setup: RobotSetup, state: State) -> tuple[Vec2, bool]:
 
 
 def doubt(
-    setup: RobotSetup, rules: Law, state: State, known: Memory, frame: SensorFrame, elapsed_s: float
+    setup: RobotSetup,
+    rules: Law,
+    state: State,
+    known: Memory,
+    frame: SensorFrame,
+    others: Sequence[Peer],
+    elapsed_s: float,
 ) -> tuple[State, Memory]:
-    """State and memory after a look at whether the robot is stuck in what it remembers."""
+    """State and memory after a look at whether the robot is stuck in what it remembers.
+
+    Beside a peer it is not: that may be what holds it.
+    """
     replace = msgspec.structs.replace
-    if state.held:
+    beside_m = setup.robot.body_radius_m + BESIDE_M
+    if state.held or any(one.distance_m < beside_m + one.beacon.body_radius_m for one in others):
         return replace(state, still_s=0.0, place=None), known
     if state.closed_s > CLOSED_S and not state.forgot:
         known = memory.empty(rules, frame.pose, known.version + 1)
@@ -234,13 +257,20 @@ def doubt(
     return replace(state, still_s=0.0, place=here, place_s=0.0, doubts=state.doubts + 1), known
 
 
-def give_up(setup: RobotSetup, state: State, goal_m: float, elapsed_s: float) -> State:
-    """State with what there is to say about there being no way."""
+def give_up(
+    setup: RobotSetup, state: State, others: Sequence[Peer], goal_m: float, elapsed_s: float
+) -> State:
+    """State with what there is to say about there being no way.
+
+    A peer that stands in sight may be what closes it, and may go: that is too long at worst.
+    """
     replace = msgspec.structs.replace
     assert state.way is not None
     if state.held:
         elapsed_s = 0.0
     closed_s = state.closed_s + elapsed_s if state.way.closed else 0.0
+    if any(peers.stands(one.beacon) and one.distance_m < setup.sensor.range_m for one in others):
+        closed_s = min(closed_s, state.closed_s)
     best_m, best_s = state.best_m, state.best_s + elapsed_s
     if goal_m < best_m - NEARER_M:
         best_m, best_s = goal_m, 0.0
@@ -387,6 +417,9 @@ def drive(
         speed_mps *= max(0.0, cos(error_rad))
         if abs(error_rad) > ASIDE_RAD:
             speed_mps = min(speed_mps, ASIDE_SHARE * robot.speed_mps_max)
+    # No faster than it can stop turning again: with weak motors it would swing to and fro.
+    turning_radps2 = TURN_BRAKES_SHARE * robot.turn_acceleration_radps2_max
+    most_radps = min(most_radps, sqrt(2.0 * turning_radps2 * abs(error_rad)))
     turn_rate_radps = steering.clip(gain_1ps * error_rad, most_radps)
     wish = Wish(
         mode, speed_mps, turn_rate_radps, arrived=arrived, forces=total, waypoint=aim.subgoal

@@ -13,6 +13,7 @@ import numpy as np
 
 from agents.navigator import memory as memories
 from agents.navigator.compiled import compiled
+from agents.navigator.points import bin_of
 from swarm.geometry import Floats, Vec2
 from swarm.messages import Forces
 from swarm.scenario import RobotSetup
@@ -75,7 +76,7 @@ def field(
         if away2 >= far_m * far_m or away2 == 0.0:
             continue
         away_m = np.sqrt(away2)
-        sector = memories.bin_of(bounds, x, y)
+        sector = bin_of(bounds, x, y)
         if away_m < nearest_m[sector]:
             nearest_m[sector] = away_m
             units[sector, 0] = x / away_m

@@ -23,6 +23,8 @@ Ints = npt.NDArray[np.int32]
 
 FREE = 1000  # cost of a free cell, straight on
 BLOCKED = -1
+# Cells grow with large bodies: what a point costs grows with the square of their number.
+RADIUS_CELLS_MAX = 6.0
 SLIT_M = 0.03  # so much above hard_m a way is a slit
 # Less room than hard_m: the field's cells make slits look up to this much narrower than they are.
 # Such a way is taken only when there is no other: as long as so many free cells for each of its.
@@ -53,7 +55,7 @@ class Law(msgspec.Struct, frozen=True, eq=False):
 @lru_cache(maxsize=64)
 def law(navigator: Navigator, radius_m: float) -> Law:
     """Tables of one kind of robot."""
-    cell_mm = max(1, round(1000.0 * navigator.cell_m))
+    cell_mm = round(1000.0 * max(navigator.cell_m, radius_m / RADIUS_CELLS_MAX))
     reach_m = radius_m + navigator.comfort_m + cell_mm / 1000.0
     reach_mm = ceil(1000.0 * reach_m)
     clearances_m = [mm / 1000.0 - radius_m for mm in range(reach_mm + 1)]

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from agents.navigator.compiled import compiled
 from agents.navigator.law import FREE, Ints
-from agents.navigator.memory import Field
+from agents.navigator.points import Field
 
 Keys = npt.NDArray[np.int64]
 Steps = npt.NDArray[np.uint8]

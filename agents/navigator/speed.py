@@ -6,10 +6,12 @@ from math import sqrt
 
 import numpy as np
 
+from agents.navigator.chords import Path, distance_at, share_at
 from agents.navigator.compiled import compiled
 from agents.navigator.law import Law
-from agents.navigator.memory import Field, Memory, within
-from agents.navigator.way import Path, Way, distance_at, share_at
+from agents.navigator.memory import Memory, within
+from agents.navigator.points import Field
+from agents.navigator.way import Way
 from swarm.geometry import Floats, Pose, Vec2
 from swarm.scenario import RobotSetup
 

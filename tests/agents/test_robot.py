@@ -41,7 +41,7 @@ def situation(seed: int) -> tuple[RobotSetup, list[SensorFrame]]:
     slot = Slot(float(random.uniform(1.0, 3.0)), float(random.uniform(-1.4, 1.4)))
     goal = (float(random.uniform(1.0, 9.0)), float(random.uniform(-9.0, 9.0)))
     setup = (
-        scenes.alone(row=3, goal=goal, controller=["extended", "paper"][seed % 2]),
+        scenes.alone(row=3, goal=goal, controller=["extended", "paper", "navigator"][seed % 3]),
         scenes.leader(goal=goal, via=((goal[0], 0.3),)),
         scenes.follower(slot),
     )[kind]
@@ -195,6 +195,7 @@ setups = st.sampled_from(
     [
         scenes.alone(),
         scenes.alone(controller="paper"),
+        scenes.alone(controller="navigator"),
         scenes.alone(priority=Priority(strategy="mutual"), row=5),
         scenes.leader(),
         scenes.follower(SLOT),

@@ -26,7 +26,7 @@ def bench(
         str | None, Option(metavar="A,B", help="navigation: which families of runs.")
     ] = None,
     controllers: Annotated[
-        str | None, Option(metavar="A,B", help="navigation: paper, extended or both.")
+        str | None, Option(metavar="A,B", help="navigation: some of paper, extended, navigator.")
     ] = None,
     seeds: Annotated[
         str | None, Option(metavar="A-B", help="navigation: which instances of each family.")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.navigator import brake, forces, memory, search, speed, way
+from agents.navigator import brake, chords, forces, memory, points, search, speed
 from agents.navigator.law import law
 from swarm.scenario import Navigator
 
@@ -20,7 +20,7 @@ RAYS = memory.beams(72)
 HITS = np.where(RANDOM.random(72) < 0.6, 0.4 + 2.0 * RANDOM.random(72), np.inf).astype(np.float32)
 NEAR = RANDOM.uniform(-1.0, 1.0, (40, 2))
 FIELD = np.full((SIDE, SIDE), REACH, dtype=np.uint16)
-memory.stamp(FIELD, POINTS[:25], 0, 25, CELL, REACH)
+points.stamp(FIELD, POINTS[:25], 0, 25, CELL, REACH)
 PATH = np.array([(100 * i - 2000, 50 * i - 900) for i in range(40)], dtype=np.int64)
 
 
@@ -35,39 +35,39 @@ def same(one: Any, other: Any) -> None:
 
 
 CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
-    (memory.nearest, (-2.5,)),
-    (memory.diamond, (-0.3, -0.7)),
-    (memory.bin_of, (RAYS.bounds, -0.3, 0.7)),
+    (points.nearest, (-2.5,)),
+    (points.diamond, (-0.3, -0.7)),
+    (points.bin_of, (RAYS.bounds, -0.3, 0.7)),
     (
-        memory.remember,
+        points.remember,
         (
             *(POINTS, np.zeros(60, dtype=np.uint8), 4000, HITS, HITS),
             *(RAYS.units, RAYS.bounds, 12.5, -70.25, 0.6, 0.8, 50, 3000, 2.75),
         ),
     ),
     (
-        memory.gather,
+        points.gather,
         (
             *(POINTS, np.zeros(60, dtype=np.uint8), HITS, RAYS.units),
             *(12.5, -70.25, 0.6, 0.8, 15.5, -60.25, 1500.0),
         ),
     ),
-    (way.distance_at, (FIELD, 123.4, -456.7, CELL)),
-    (way.share_at, (RULES.shares, 321.9)),
-    (way.progress, (PATH, 0, 0, 3, -1000.5, -333.25)),
+    (chords.distance_at, (FIELD, 123.4, -456.7, CELL)),
+    (chords.share_at, (RULES.shares, 321.9)),
+    (chords.progress, (PATH, 0, 0, 3, -1000.5, -333.25)),
     (
-        way.cost_along,
+        chords.cost_along,
         (
             *(FIELD, PATH, 0, 0, 3, -1000.5, -333.25, CELL, RULES.straight, RULES.diagonal),
             *(RULES.near_straight, RULES.near_diagonal),
         ),
     ),
     (
-        way.chord,
+        chords.chord,
         (FIELD, -1000.5, -333.25, 700.0, 450.0, CELL, RULES.shares, RULES.radius_mm, 10.0),
     ),
     (
-        way.farthest,
+        chords.farthest,
         (
             *(FIELD, PATH, 0, 0, 3, -1600.5, -700.25, CELL, RULES.shares),
             *(RULES.radius_mm, 10.0, 1400.0, 1.03),
@@ -104,8 +104,8 @@ def test_a_compiled_loop_decides_as_the_plain_one(
 def test_stamping_and_unstamping_are_the_same_compiled_and_plain() -> None:
     fields = []
     for stamp, unstamp in (
-        (memory.stamp, memory.unstamp),
-        (plain(memory.stamp), plain(memory.unstamp)),
+        (points.stamp, points.unstamp),
+        (plain(points.stamp), plain(points.unstamp)),
     ):
         field = np.full((SIDE, SIDE), REACH, dtype=np.uint16)
         stamp(field, POINTS, 0, 40, CELL, REACH)

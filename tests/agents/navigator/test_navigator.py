@@ -142,6 +142,19 @@ def test_a_goal_that_is_walled_in_is_said_to_be_enclosed(goal: tuple[float, floa
     assert gap(walls, lines) > 0.0
 
 
+def test_a_peer_that_stands_in_sight_may_be_what_closes_the_way() -> None:
+    walls, setup = ring(0.0, 0.0, 0.9), setup_of()
+    state = robot.init(setup)
+    for tick in range(200):
+        peer = scenes.beacon("robot2", Pose(1.1, 0.0, 0.0), tick=tick - 1, arrived=True)
+        scan = scenes.scan(walls, scenes.ORIGIN)
+        frame = scenes.frame("robot1", tick, ranges_m=scan, beacons=(peer,) if tick else ())
+        state, command = robot.step(setup, state, frame)
+    assert state.navigating.way is not None
+    assert state.navigating.way.closed
+    assert command.beacon.mode == "GO"
+
+
 def test_a_goal_in_an_obstacle_is_said_to_have_no_way() -> None:
     lines = drive(setup_of(goal=(3.0, 0.0)), [(3.0, 0.0, 0.15)], ticks=900)
     assert lines[-1][1].beacon.reason == "enclosed"

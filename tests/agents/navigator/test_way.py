@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.navigator import memory, search, way
+from agents.navigator import memory, points, search, way
 from agents.navigator.law import FREE, law
-from agents.navigator.memory import Field, Memory
+from agents.navigator.memory import Memory
+from agents.navigator.points import Field
 from agents.navigator.way import Way
 from swarm.geometry import Pose, Vec2
 from swarm.scenario import Navigator
@@ -22,30 +24,30 @@ Disc = tuple[float, float, float]
 def known(points_m: list[Vec2], version: int = 1) -> tuple[Memory, Field]:
     """Memory of some points, around the origin."""
     blank = memory.empty(RULES, Pose(0.0, 0.0, 0.0))
-    points = np.array([(round(1000 * x), round(1000 * y)) for x, y in points_m], dtype=np.int16)
-    points = points.reshape(-1, 2)
+    mm = np.array([(round(1000 * x), round(1000 * y)) for x, y in points_m], dtype=np.int16)
+    mm = mm.reshape(-1, 2)
     field = blank.field_mm(RULES).copy()
-    memory.stamp(field, points, 0, len(points), RULES.cell_mm, RULES.reach_mm)
+    points.stamp(field, mm, 0, len(mm), RULES.cell_mm, RULES.reach_mm)
     field.setflags(write=False)
     return Memory(
         blank.origin_mm,
-        points.tobytes(),
-        bytes(len(points)),
+        mm.tobytes(),
+        bytes(len(mm)),
         field.tobytes(),
-        len(points),
+        len(mm),
         version=version,
     ), field
 
 
 def walls(*rows: tuple[float, float, float, float]) -> list[Vec2]:
     """Points every 4 cm along some lines."""
-    points = []
+    found = []
     for x0, y0, x1, y1 in rows:
         count = round(max(abs(x1 - x0), abs(y1 - y0)) / 0.04)
-        points += [
+        found += [
             (x0 + (x1 - x0) * i / count, y0 + (y1 - y0) * i / count) for i in range(count + 1)
         ]
-    return points
+    return found
 
 
 def plan(points_m: list[Vec2], start: Pose = START, goal: Vec2 = GOAL) -> Way:
@@ -58,7 +60,7 @@ def plan(points_m: list[Vec2], start: Pose = START, goal: Vec2 = GOAL) -> Way:
     raise AssertionError("a search without end")
 
 
-points = st.lists(
+clouds = st.lists(
     st.tuples(
         st.floats(-2.4, 2.4).map(lambda x: round(x, 2)),
         st.floats(-2.0, 2.0).map(lambda y: round(y, 2)),
@@ -67,7 +69,7 @@ points = st.lists(
 )
 
 
-@given(points)
+@given(clouds)
 def test_a_way_never_crosses_cells_without_room(some: list[Vec2]) -> None:
     found = plan(some)
     assert found.path
@@ -78,7 +80,7 @@ def test_a_way_never_crosses_cells_without_room(some: list[Vec2]) -> None:
         assert RULES.straight[int(field[cell])] >= 0
 
 
-@given(points)
+@given(clouds)
 def test_a_way_costs_what_dijkstra_finds(some: list[Vec2]) -> None:
     """Oracle: sweeps over the whole field until nothing becomes cheaper."""
     found = plan(some)
@@ -107,7 +109,7 @@ def test_a_way_costs_what_dijkstra_finds(some: list[Vec2]) -> None:
     assert int(found.planned()[0]) == costs[start_i, half]
 
 
-@given(points)
+@given(clouds)
 def test_mirrored_ways_mirror_each_other(some: list[Vec2]) -> None:
     some = [*some, (0.5, 0.13)]  # else scene and mirror image may be the same
     start, goal = Pose(-3.0, 0.17, 0.0), (3.0, -0.08)
@@ -151,7 +153,7 @@ def test_a_long_search_goes_on_in_the_next_ticks_and_finds_the_same() -> None:
     blank = memory.empty(rules, Pose(0, 0, 0))
     mm = np.array([(round(1000 * x), round(1000 * y)) for x, y in scene], dtype=np.int16)
     field = blank.field_mm(rules).copy()
-    memory.stamp(field, mm, 0, len(mm), rules.cell_mm, rules.reach_mm)
+    points.stamp(field, mm, 0, len(mm), rules.cell_mm, rules.reach_mm)
     field.setflags(write=False)
     remembered = Memory(blank.origin_mm, mm.tobytes(), bytes(len(mm)), field.tobytes(), len(mm))
     found: Way | None = None
@@ -203,3 +205,14 @@ def test_a_way_to_a_goal_far_away_leads_straight_to_the_border() -> None:
     x_mm, y_mm = found.path_mm()[-1].tolist()
     assert x_mm == 4000
     assert y_mm == 2800  # straight on
+
+
+def test_cells_grow_with_large_bodies_so_that_points_cost_no_more() -> None:
+    rules = law(Navigator(), 3.0)
+    assert rules.cell_mm == 500
+    assert rules.reach_mm / rules.cell_mm < 9
+
+
+def test_a_window_has_no_more_cells_than_a_tick_can_bear() -> None:
+    with pytest.raises(ValueError, match="at most 500 cells"):
+        Navigator(window_m=22.0, cell_m=0.03)
