@@ -30,6 +30,7 @@ Point = tuple[Coordinate, Coordinate]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 ROBOTS_MAX = 500
+DEVIATES_MAX = 3.0  # sigma at which noise is cut; one normal draw in 370 lies beyond
 CONTROLLERS = ("extended", "navigator", "paper")  # built in
 RESERVED_NAMES = frozenset(("world", "supervisor", "router", "run"))  # other processes' names
 
@@ -264,6 +265,57 @@ class Clock(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     start_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 15.0  # wall; then without it
 
 
+class Disturbance(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Errors that strike every robot in every tick, and are no faults: nobody is excused by them.
+
+    Robots know what is declared here, never what is drawn. Normal deviates are cut at 3 sigma, so
+    that there is a bound to reckon with.
+    """
+
+    range_sigma_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # of each beam; a miss stays one
+    # of the pose in the frame, in each coordinate and in yaw; the body is where it is
+    position_sigma_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    yaw_sigma_rad: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    # motors take a set-point so many ticks later; beacons are not late
+    latency_ticks: Annotated[int, Meta(ge=0, le=4)] = 0
+    # the body goes and turns (1 + e) times as fast as its wheels say, e this or minus this: one of
+    # them for each robot, drawn once
+    speed_error: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    # share of the beacons that each directed link loses
+    loss_probability: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.0
+    # 0: each tick is drawn for itself; else 1 to so many are lost one after the other, evenly
+    # drawn, and at least one arrives in between
+    loss_ticks_max: Annotated[int, Meta(ge=0, le=100)] = 0
+
+    def __post_init__(self) -> None:
+        most = self.loss_ticks_mean / (self.loss_ticks_mean + 1.0)
+        if self.loss_ticks_max and self.loss_probability > most:
+            raise ValueError(
+                f"expected loss_probability <= {most:.4g} with bursts of up to "
+                f"{self.loss_ticks_max} ticks, got {self.loss_probability}"
+            )
+
+    @property
+    def loss_ticks_mean(self) -> float:
+        """Length of a burst, in the mean."""
+        return (self.loss_ticks_max + 1) / 2.0
+
+    @property
+    def range_error_m_max(self) -> float:
+        """No range is further off."""
+        return DEVIATES_MAX * self.range_sigma_m
+
+    @property
+    def position_error_m_max(self) -> float:
+        """No position is further off, whichever way."""
+        return DEVIATES_MAX * self.position_sigma_m
+
+    @property
+    def yaw_error_rad_max(self) -> float:
+        """No yaw is further off."""
+        return DEVIATES_MAX * self.yaw_sigma_rad
+
+
 class Recording(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is written, and how soon it is safe."""
 
@@ -324,6 +376,7 @@ class Shared(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     pid: Pid = Pid()
     guard: Guard = Guard()
     clock: Clock = Clock()
+    disturbance: Disturbance = Disturbance()
 
     def __post_init__(self) -> None:
         if self.sensor.beams % self.msam.sectors:

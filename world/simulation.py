@@ -2,7 +2,7 @@
 
     commands(k) -> heed -> motors -> motion -> contact -> state(k + 1)     step
                   (faults due at k + 1: relieve, inflict, lose, revive)
-    state(k) -> raycast, lidars, radio -> one SensorFrame per live robot   sense
+    state(k) -> raycast, disturbance, lidars, radio -> one SensorFrame per live robot   sense
     commands that arrive -> hold_back -> commands(k)
     state(k), frames(k), commands(k) -> TickRecord(k)                      record
 
@@ -32,7 +32,7 @@ from swarm.messages import (
     TickRecord,
 )
 from swarm.scenario import Obstacle, Scenario
-from world import contact, faults, motion, radio, raycast, scene, sensors
+from world import contact, disturbance, faults, motion, radio, raycast, scene, sensors
 from world.faults import Active, Held
 from world.scene import Scene
 
@@ -48,6 +48,7 @@ class World(msgspec.Struct, frozen=True, eq=False):
     lidar: raycast.Lidar
     radii_m: Floats  # (robots,)
     rows: dict[str, int]  # name -> row
+    speed_factors: tuple[float, ...]  # (robots,) of the bodies' speeds over those of the wheels
 
 
 class Body(msgspec.Struct, frozen=True, array_like=True):
@@ -62,6 +63,7 @@ class Body(msgspec.Struct, frozen=True, array_like=True):
     command_tick: int = -1  # the tick whose frame that command answers; -1 before the first
     beacon: Beacon | None = None  # of the newest command
     excused: bool = False  # of that touch: a fault of its motors or lidar, or of the other's
+    pending: tuple[Twist, ...] = ()  # set-points on their way to late motors, oldest first
 
 
 class WorldState(msgspec.Struct, frozen=True):
@@ -72,6 +74,7 @@ class WorldState(msgspec.Struct, frozen=True):
     active: tuple[Active, ...] = ()  # faults, in the order in which they began
     history: radio.History = ()  # what was said, while a fault may bring it late or twice
     held: tuple[Held, ...] = ()  # commands of slow robots, in order of arrival
+    fades: bytes = b""  # (robots * robots) for how many ticks each link carries nothing, if so
 
 
 def build(scenario: Scenario) -> World:
@@ -87,6 +90,9 @@ def build(scenario: Scenario) -> World:
         lidar=raycast.lidar(sensor.beams, sensor.range_m, standing, radii_m),
         radii_m=radii_m,
         rows={robot.name: row for row, robot in enumerate(scenario.robots)},
+        speed_factors=disturbance.speed_factors(
+            scenario.disturbance, len(scenario.robots), seed=scenario.seed
+        ),
     )
 
 
@@ -117,14 +123,24 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
     bodies = _heed(world, state, commands.values())
 
     # Where each body would be, were it alone. A body that has touched something stands for good.
-    set_points = [_in_force(world, state, body) for body in bodies]
+    taken = [_taken(world, state, body) for body in bodies]
+    set_points = [set_point for set_point, _ in taken]
     if state.active:
         set_points = faults.driven(state.active, set_points, [body.alive for body in bodies])
     moved = [
         (body.pose, STILL)
         if body.contact
-        else motion.step(robot, body.pose, body.twist, set_point, dt_s=scenario.dt_s)
-        for robot, body, set_point in zip(scenario.robots, bodies, set_points, strict=True)
+        else motion.step(
+            robot,
+            body.pose,
+            body.twist,
+            set_point,
+            dt_s=scenario.dt_s,
+            speed_factor=factor,
+        )
+        for robot, body, set_point, factor in zip(
+            scenario.robots, bodies, set_points, world.speed_factors, strict=True
+        )
     ]
 
     # Nobody gets further than to what it touches.
@@ -157,21 +173,29 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
                 body.command_tick,
                 body.beacon,
                 body.excused or (row in excused and not body.contact),
+                pending,
             )
-            for row, (body, (pose, twist), clearance_m) in enumerate(
-                zip(bodies, moved, _clearances_m(world, ends_m), strict=True)
+            for row, (body, (pose, twist), clearance_m, (_, pending)) in enumerate(
+                zip(bodies, moved, _clearances_m(world, ends_m), taken, strict=True)
             )
         ),
         state.active,
         history,
         state.held,
+        disturbance.fade(
+            scenario.disturbance,
+            state.fades,
+            len(bodies),
+            seed=scenario.seed,
+            tick=state.tick + 1,
+        ),
     )
 
 
 def lose(world: World, state: WorldState, name: str) -> WorldState:
     """World in which a robot's mind is gone: silent, braking to rest, then an obstacle."""
     row = world.rows[name]
-    body = msgspec.structs.replace(state.bodies[row], alive=False, set_point=STILL)
+    body = msgspec.structs.replace(state.bodies[row], alive=False, set_point=STILL, pending=())
     return _with_body(state, row, body)
 
 
@@ -210,7 +234,7 @@ def inflict(
     begun = faults.begin(number, fault, rows, state.tick, dt_s=scenario.dt_s)
     history = state.history
     if isinstance(fault, ActuatorStuck):
-        asked = [_in_force(world, state, body) for body in state.bodies]
+        asked = [_taken(world, state, body)[0] for body in state.bodies]
         taken = faults.stuck(state.active, asked)
         begun = msgspec.structs.replace(begun, set_points=tuple(taken[row] for row in rows))
     elif isinstance(fault, SensorStuck):
@@ -284,9 +308,15 @@ def sense(
             robot=scenario.robots[row].name,
             tick=state.tick,
             stamp_ns=stamp_ns,
-            pose=bodies[row].pose,
-            twist=bodies[row].twist,
-            wheels=motion.wheels(scenario.robots[row], bodies[row].twist),
+            pose=disturbance.pose(
+                scenario.disturbance,
+                bodies[row].pose,
+                row,
+                seed=scenario.seed,
+                tick=state.tick,
+            ),
+            twist=(twist := motion.scaled(bodies[row].twist, 1.0 / world.speed_factors[row])),
+            wheels=motion.wheels(scenario.robots[row], twist),
             contact=bodies[row].contact,
             ranges=Array("<f4", (beams,), scans[number * size : (number + 1) * size]),
             beacons=heard[number],
@@ -360,7 +390,16 @@ def frame_of(
 
 def _scans_m(world: World, state: WorldState, rows: Sequence[int]) -> Ranges:
     """(rows, beams) what the lidars of some robots show."""
+    scenario = world.scenario
     ranges_m = raycast.cast(world.lidar, [body.pose for body in state.bodies], rows)
+    ranges_m = disturbance.scans(
+        scenario.disturbance,
+        ranges_m,
+        rows,
+        range_m=world.lidar.range_m,
+        seed=scenario.seed,
+        tick=state.tick,
+    )
     if not state.active:
         return ranges_m
     return sensors.disturb(
@@ -368,7 +407,7 @@ def _scans_m(world: World, state: WorldState, rows: Sequence[int]) -> Ranges:
         rows,
         state.active,
         range_m=world.lidar.range_m,
-        seed=world.scenario.seed,
+        seed=scenario.seed,
         tick=state.tick,
     )
 
@@ -379,6 +418,9 @@ def _beacons(world: World, state: WorldState, listeners: Sequence[int]) -> list[
     alive = np.array([body.alive for body in bodies])
     positions_m = _positions_m(body.pose for body in bodies)
     heard = radio.audible(scenario.radio.range_m, positions_m, alive)
+    heard = disturbance.carried(
+        scenario.disturbance, heard, state.fades, seed=scenario.seed, tick=state.tick
+    )
     if state.active:
         heard = radio.carried(heard, state.active, seed=scenario.seed, tick=state.tick)
     if state.history:
@@ -439,6 +481,7 @@ def _heed(world: World, state: WorldState, commands: Iterable[Command]) -> tuple
                 command.tick,
                 command.beacon,
                 body.excused,
+                body.pending,
             )
     return tuple(bodies)
 
@@ -448,6 +491,14 @@ def _in_force(world: World, state: WorldState, body: Body) -> Twist:
     if not body.alive or body.command_tick < state.tick - world.scenario.clock.command_ttl:
         return STILL
     return body.set_point
+
+
+def _taken(world: World, state: WorldState, body: Body) -> tuple[Twist, tuple[Twist, ...]]:
+    """Set-point that the motors take in this tick, and those on their way; the dead just brake."""
+    if not body.alive:
+        return STILL, ()
+    asked = _in_force(world, state, body)
+    return disturbance.late(world.scenario.disturbance, body.pending, asked)
 
 
 def _positions_m(poses: Iterable[Pose]) -> Floats:
