@@ -10,6 +10,7 @@ import os
 import re
 import signal
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -39,6 +40,7 @@ from swarm.scenario import Scenario
 from world import scene, simulation
 
 END_S = 30.0
+RUNS_TINY = len(navigation.FAMILIES) * len(navigation.CONTROLLERS)
 EVERY = (*encounters.groups(), *obstacles.groups())
 
 BARN = {
@@ -77,11 +79,11 @@ def test_bench_navigation_shows_every_family_and_its_worst_runs_when_tiny(folder
     assert [row.family for row in found.rows] == [
         family for family in navigation.FAMILIES for _ in navigation.CONTROLLERS
     ]
-    assert len(found.runs) == len(found.rows) == 22
+    assert len(found.runs) == len(found.rows) == RUNS_TINY
     assert found.skipped == ()
     assert all(row.runs == 1 and row.met is None for row in found.rows)
     assert all(row.step_us is not None and row.step_us > 0.0 for row in found.rows)
-    assert len(found.worst) == 22
+    assert len(found.worst) == RUNS_TINY
     # what the command shows is that very run
     shown = found.worst[0]
     verb, path = shown.command.split()[:3:2]
@@ -143,6 +145,32 @@ def test_bench_navigation_leaves_no_process_when_it_is_ended(
         assert "Traceback" not in said
 
 
+@pytest.mark.parametrize("as_json", [False, True])
+def test_bench_navigation_shows_what_is_done_when_it_is_interrupted(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    as_json: bool,
+) -> None:
+    def interrupted(
+        work: object, jobs: Iterator[Job], workers: int, name: str
+    ) -> Iterator[sharing.Done[Job, Run]]:
+        yield sharing.Done(next(jobs), _run(0, "timeout", family="door", size="1.0m"))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sharing, "share", interrupted)
+    line = (
+        f"bench navigation --families door --seeds 0-2 --controllers paper --out {tmp_path / 'x'}"
+    )
+    result = commands.here(monkeypatch, capsys, tmp_path, line + " --json" * as_json)
+    assert result.returncode == 130
+    if as_json:
+        found = msgspec.json.decode(result.stdout, type=rows.Navigation, strict=True)
+        assert (found.partial, found.planned, len(found.runs), len(found.rows)) == (True, 3, 1, 1)
+    else:
+        assert "PARTIAL: interrupted after 1 of 3 runs" in result.stdout
+
+
 # --- what is asked for --------------------------------------------------------------------------
 
 
@@ -164,7 +192,17 @@ def test_plan_has_the_full_sizes_when_nothing_is_asked(folder: Path) -> None:
         "barn": 2,
         "collision-avoidance": 1,
     }
-    assert plan.count == 2 * counts.total()
+    assert plan.count == len(navigation.CONTROLLERS) * counts.total()
+
+
+def test_plan_takes_only_the_sizes_asked_for(folder: Path) -> None:
+    plan = navigation.plan(folder=folder, families="random,circle-swap", sizes="50x16m2,4")
+    assert [(group.family, group.size) for group in plan.groups] == [
+        ("circle-swap", "4"),
+        ("random", "50x16m2"),
+    ]
+    with pytest.raises(errors.UsageError, match=r"--sizes: expected some of 2, 4, .*'5'"):
+        navigation.plan(folder=folder, families="circle-swap", sizes="5")
 
 
 def test_plan_takes_seeds_beyond_a_list_only_where_instances_are_drawn(folder: Path) -> None:

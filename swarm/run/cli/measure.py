@@ -25,8 +25,11 @@ def bench(
     families: Annotated[
         str | None, Option(metavar="A,B", help="navigation: which families of runs.")
     ] = None,
+    sizes: Annotated[
+        str | None, Option(metavar="A,B", help="navigation: which sizes of them: 50x16m2,16.")
+    ] = None,
     controllers: Annotated[
-        str | None, Option(metavar="A,B", help="navigation: paper, extended or both.")
+        str | None, Option(metavar="A,B", help="navigation: some of paper, extended, navigator.")
     ] = None,
     seeds: Annotated[
         str | None, Option(metavar="A-B", help="navigation: which instances of each family.")
@@ -41,7 +44,8 @@ def bench(
 ) -> None:
     """Measure what a swarm costs, as ratios within one run; or how well it finds its way.
 
-    `navigation` is asked for by name: its full size takes hours. It fails only when a run crashes.
+    `navigation` is asked for by name: its full size takes hours. It fails only when a run crashes;
+    Ctrl-C ends it early with the figures of what is done by then (exit code 130).
 
     Example:  swarm bench barrier step
 
@@ -50,10 +54,11 @@ def bench(
     from swarm.run import bench as benchmarks
 
     if names == [benchmarks.NAVIGATION]:
-        _bench_navigation(families, controllers, seeds, data, out, tiny, as_json)
+        _bench_navigation(families, sizes, controllers, seeds, data, out, tiny, as_json)
         return
     for flag, value in (
         ("--families", families),
+        ("--sizes", sizes),
         ("--controllers", controllers),
         ("--seeds", seeds),
         ("--data", data),
@@ -75,6 +80,7 @@ def bench(
 
 def _bench_navigation(
     families: str | None,
+    sizes: str | None,
     controllers: str | None,
     seeds: str | None,
     data: Path | None,
@@ -88,7 +94,12 @@ def _bench_navigation(
 
     folder = navigation.DATA if data is None else data
     plan = navigation.plan(
-        families=families, controllers=controllers, seeds=seeds, folder=folder, tiny=tiny
+        families=families,
+        sizes=sizes,
+        controllers=controllers,
+        seeds=seeds,
+        folder=folder,
+        tiny=tiny,
     )
     with Bar(benchmarks.NAVIGATION) as bar:
         found = navigation.measure(plan, out, bar.advance)
@@ -96,6 +107,8 @@ def _bench_navigation(
         options.print_json(found)
     else:
         table.show(found)
+    if found.partial:
+        raise typer.Exit(130)
     if found.crashed:
         raise typer.Exit(1)
 

@@ -13,6 +13,7 @@ peers       what others reached
 table       the figures for people
 
 A measurement, not a threshold: whatever the figures are, it has failed only when a run crashed.
+Ctrl-C ends it early, and what is done by then is shown.
 """
 
 from __future__ import annotations
@@ -90,6 +91,7 @@ class Plan(msgspec.Struct, frozen=True):
 def plan(
     *,
     families: str | None = None,
+    sizes: str | None = None,
     controllers: str | None = None,
     seeds: str | None = None,
     folder: Path = DATA,
@@ -104,6 +106,9 @@ def plan(
     from_data, skipped = data.groups(folder)
     every = (*encounters.groups(), *obstacles.groups(), *from_data)
     groups = [group for group in every if group.family in wanted]
+    if sizes is not None:
+        kept = _chosen("--sizes", sizes, tuple(dict.fromkeys(group.size for group in groups)))
+        groups = [group for group in groups if group.size in kept]
     if tiny:
         firsts: dict[str, Group] = {}
         for group in groups:
@@ -130,12 +135,15 @@ def plan(
 def measure(plan: Plan, out: Path | None, advance: Advance) -> Navigation:
     """Make all runs on all cores; the scenarios of the worst are written to a folder.
 
+    After Ctrl-C what comes back is partial: of the runs that had ended.
+
     Raises UsageError when the folder cannot be written.
     """
     machine = figures.machine()
     begun_s = time.monotonic()
     order = {(group.family, group.size): place for place, group in enumerate(plan.groups)}
     found: list[Run] = []
+    partial = False
     workers = min(os.cpu_count() or 1, max(1, plan.count))
     shared = sharing.share(course.run, plan.jobs(), workers, "bench")
     try:
@@ -144,6 +152,8 @@ def measure(plan: Plan, out: Path | None, advance: Advance) -> Navigation:
             found.append(run)
             said = f"{run.family} {run.size} {run.number} {run.controller}: {run.outcome}"
             advance(len(found), plan.count, said)
+    except KeyboardInterrupt:  # a second one, while the workers end, is let through
+        partial = True
     finally:
         shared.close()
     found.sort(key=lambda run: (order[run.family, run.size], run.controller, run.number))
@@ -152,6 +162,8 @@ def measure(plan: Plan, out: Path | None, advance: Advance) -> Navigation:
         machine=machine,
         versions=figures.versions(),
         tiny=plan.tiny,
+        partial=partial,
+        planned=plan.count,
         rows=table,
         peers=results.beside(table),
         worst=_written(plan, results.worst(found), out),

@@ -56,6 +56,11 @@ def _notes(found: Navigation) -> list[str]:
     ]
     if any(row.family == "barn" for row in found.rows):
         lines.append(peers.BARN_NOTE)
+    if found.partial:
+        lines.append(
+            f"PARTIAL: interrupted after {len(found.runs)} of {found.planned} runs; rows may lack "
+            "the slower ones"
+        )
     if found.tiny:
         lines.append("tiny: one short run per family, nothing is expected of them")
     crashes = sum(run.outcome == "crashed" for run in found.runs)
