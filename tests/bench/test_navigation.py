@@ -27,6 +27,7 @@ from swarm.run.bench import navigation
 from swarm.run.bench.navigation import (
     cases,
     course,
+    disturbed,
     encounters,
     obstacles,
     peers,
@@ -40,8 +41,10 @@ from swarm.scenario import Scenario
 from world import scene, simulation
 
 END_S = 30.0
-RUNS_TINY = len(navigation.FAMILIES) * len(navigation.CONTROLLERS)
-EVERY = (*encounters.groups(), *obstacles.groups())
+FAMILIES = (*navigation.FAMILIES, *(name for some in navigation.VARIANTS.values() for name in some))
+RUNS_TINY = len(FAMILIES) * len(navigation.CONTROLLERS)
+PLAIN = (*encounters.groups(), *obstacles.groups())
+EVERY = (*PLAIN, *disturbed.groups(PLAIN))
 
 BARN = {
     "cylinder_radius_m": 0.075,
@@ -77,7 +80,7 @@ def test_bench_navigation_shows_every_family_and_its_worst_runs_when_tiny(folder
     assert result.returncode == 0, result.stderr
     found = msgspec.json.decode(result.stdout, type=rows.Navigation, strict=True)
     assert [row.family for row in found.rows] == [
-        family for family in navigation.FAMILIES for _ in navigation.CONTROLLERS
+        family for family in FAMILIES for _ in navigation.CONTROLLERS
     ]
     assert len(found.runs) == len(found.rows) == RUNS_TINY
     assert found.skipped == ()
@@ -96,7 +99,10 @@ def test_bench_navigation_shows_every_family_and_its_worst_runs_when_tiny(folder
 def test_bench_navigation_says_what_it_skips_when_data_is_absent(tmp_path: Path) -> None:
     plan = navigation.plan(folder=tmp_path, tiny=True)
     assert [line.split(":")[0] for line in plan.skipped] == ["barn", "collision-avoidance"]
-    assert {group.family for group in plan.groups} == {*navigation.FAMILIES[:-2]}
+    from_data = ("barn", "collision-avoidance")
+    assert {group.family for group in plan.groups} == {
+        family for family in FAMILIES if not family.startswith(from_data)
+    }
     assert navigation.plan(folder=tmp_path, families="pairs").skipped == ()
 
 
@@ -203,6 +209,17 @@ def test_plan_takes_only_the_sizes_asked_for(folder: Path) -> None:
     ]
     with pytest.raises(errors.UsageError, match=r"--sizes: expected some of 2, 4, .*'5'"):
         navigation.plan(folder=folder, families="circle-swap", sizes="5")
+
+
+def test_plan_takes_all_families_of_a_kind_by_its_word_and_never_unasked(folder: Path) -> None:
+    plan = navigation.plan(folder=folder, families="bursts,door", sizes="16,1.0m", seeds="3")
+    assert [(group.family, group.size) for group in plan.groups] == [
+        ("door", "1.0m"),
+        ("circle-swap-bursts", "16"),
+        ("door-bursts", "1.0m"),
+    ]
+    families = {group.family for group in navigation.plan(folder=folder).groups}
+    assert families == set(navigation.FAMILIES)
 
 
 def test_plan_takes_seeds_beyond_a_list_only_where_instances_are_drawn(folder: Path) -> None:
@@ -523,6 +540,19 @@ def test_table_shows_ours_and_the_peers_and_what_falls_short(
     assert "100 % NOT MET" in said
     assert "short of what is expected: traps u" in said
     assert "not one to one" in said
+
+
+@pytest.mark.parametrize("group", disturbed.groups(PLAIN[:1]), ids=lambda group: group.family)
+def test_disturbed_instances_are_the_plain_ones_with_a_disturbance(group: Group) -> None:
+    plain, case = PLAIN[0].make(3), group.make(3)
+    assert (case.bounds_s, case.dues_s) == (plain.bounds_s, plain.dues_s)
+    assert case.scenario.robots == plain.scenario.robots
+    declared = case.scenario.disturbance
+    assert (declared.latency_ticks, declared.loss_probability) == (1, 0.2)
+    assert declared.range_error_m_max == pytest.approx(0.03)
+    assert declared.loss_ticks_max == (5 if group.family.endswith("bursts") else 0)
+    plan = cases.under(cases.shortened(case, 2.0), "extended")
+    assert course.drive(plan).score.hash.digest() == lockstep.run(plan).score.hash.digest()
 
 
 def test_scenario_of_a_case_survives_its_file() -> None:

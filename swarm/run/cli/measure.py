@@ -23,7 +23,8 @@ def bench(
         bool, Option("--tiny", help="Smallest sizes, to see that all of it runs.")
     ] = False,
     families: Annotated[
-        str | None, Option(metavar="A,B", help="navigation: which families of runs.")
+        str | None,
+        Option(metavar="A,B", help="navigation: which families; `disturbed`: all of that kind."),
     ] = None,
     sizes: Annotated[
         str | None, Option(metavar="A,B", help="navigation: which sizes of them: 50x16m2,16.")
@@ -50,6 +51,8 @@ def bench(
     Example:  swarm bench barrier step
 
     Example:  swarm bench navigation --families pairs,traps
+
+    Example:  swarm bench navigation --families disturbed --sizes 16,0.215m --seeds 0-9
     """
     from swarm.run import bench as benchmarks
 

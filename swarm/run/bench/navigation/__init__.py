@@ -7,6 +7,7 @@ cases       a scenario and the times it is measured against
 encounters  families of several robots
 obstacles   families of one robot
 data        families from public benchmark data, when it is there
+disturbed   families again, with noise, latency, speed errors, lost messages
 course      one run in memory, and what it came to
 rows        figures of all runs of a group, the worst runs
 peers       what others reached
@@ -37,6 +38,7 @@ from swarm.run.bench.navigation import (
     cases,
     course,
     data,
+    disturbed,
     encounters,
     obstacles,
 )
@@ -51,11 +53,17 @@ FAMILIES = (
     *("traps", "paper-fields", "paper-u", "paper-walls"),
     *("barn", "collision-avoidance"),
 )
+# Families again, under something; named by the word at their end all at once. By name only: all of
+# them would take days.
+VARIANTS: dict[str, tuple[str, ...]] = {
+    ending: tuple(f"{family}-{ending}" for family in FAMILIES if family in families)
+    for ending, (_, families) in disturbed.VARIANTS.items()
+}
 DATA = Path("../shared/data")  # where the benchmark data is looked for
 SEED_MAX = 1_000_000
 TINY_DURATION_S = 12.0  # a pair changes places in 11 s
 
-__all__ = ["CONTROLLERS", "DATA", "FAMILIES", "Navigation", "Plan", "measure", "plan"]
+__all__ = ["CONTROLLERS", "DATA", "FAMILIES", "VARIANTS", "Navigation", "Plan", "measure", "plan"]
 
 Advance = Callable[[int, int, str], None]  # runs done, runs in all, the newest
 
@@ -101,10 +109,11 @@ def plan(
 
     Raises UsageError for an unknown name, a range that is none, a damaged data file.
     """
-    wanted = _chosen("--families", families, FAMILIES)
+    wanted = _families(families, tiny=tiny)
     minds = _chosen("--controllers", controllers, CONTROLLERS)
     from_data, skipped = data.groups(folder)
     every = (*encounters.groups(), *obstacles.groups(), *from_data)
+    every = (*every, *disturbed.groups(every))
     groups = [group for group in every if group.family in wanted]
     if sizes is not None:
         kept = _chosen("--sizes", sizes, tuple(dict.fromkeys(group.size for group in groups)))
@@ -128,7 +137,9 @@ def plan(
         numbers=numbers,
         controllers=tuple(mind for mind in CONTROLLERS if mind in minds),
         tiny=tiny,
-        skipped=tuple(line for line in skipped if line.split(":")[0] in wanted),
+        skipped=tuple(
+            line for line in skipped if any(name.startswith(line.split(":")[0]) for name in wanted)
+        ),
     )
 
 
@@ -227,6 +238,15 @@ def _range(text: str) -> range:
             f"got '{text}'"
         )
     return range(first, last + 1)
+
+
+def _families(text: str | None, *, tiny: bool) -> tuple[str, ...]:
+    """Families by name, or by the word at the end of their names; tiny, all there are."""
+    every = (*FAMILIES, *(name for names in VARIANTS.values() for name in names))
+    if text is None:
+        return every if tiny else FAMILIES
+    asked = _chosen("--families", text, (*every, *VARIANTS))
+    return tuple(name for part in asked for name in VARIANTS.get(part, (part,)))
 
 
 def _chosen(flag: str, text: str | None, known: tuple[str, ...]) -> tuple[str, ...]:
