@@ -71,9 +71,17 @@ def frame(axes: Axes, box: tuple[float, float, float, float]) -> None:
 
 
 def scene(axes: Axes, path: Tracks) -> None:
-    """Obstacles, and a cross at every goal."""
+    """Obstacles, a cross at every goal; of what moves its way, and where it begins."""
     for obstacle in path.obstacles:
-        if obstacle.circle is not None:
+        if obstacle.circle is not None and obstacle.path is not None:
+            x, y, radius_m = obstacle.circle
+            axes.plot(
+                *np.array([(x, y), *obstacle.path]).T, color=FAINT, linewidth=LINE, linestyle=":"
+            )
+            axes.add_patch(
+                Circle((x, y), radius_m, facecolor=OBSTACLE, edgecolor=INK, linestyle=":")
+            )
+        elif obstacle.circle is not None:
             x, y, radius_m = obstacle.circle
             axes.add_patch(Circle((x, y), radius_m, facecolor=OBSTACLE, edgecolor=INK))
         else:

@@ -90,14 +90,33 @@ class Line(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Obstacle(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A circle (x_m, y_m, radius_m) or a simple polygon (corners in order): exactly one of them."""
+    """A circle (x_m, y_m, radius_m) or a simple polygon (corners in order): exactly one of them.
+
+    A circle with a path moves: from its centre through the corners of the path and back the same
+    way, again and again, or round when the path ends at that centre. Nothing stops it, it passes
+    through other obstacles, and only lidars see it.
+    """
 
     circle: tuple[Coordinate, Coordinate, Positive] | None = None
     polygon: Annotated[tuple[Point, ...], Meta(min_length=3, max_length=200)] | None = None
+    path: Annotated[tuple[Point, ...], Meta(min_length=1, max_length=200)] | None = None
+    speed_mps: Annotated[float, Meta(gt=0.0, le=20.0)] | None = None  # along the path
 
     def __post_init__(self) -> None:
         if (self.circle is None) == (self.polygon is None):
             raise ValueError("expected either circle or polygon, got both or none")
+        if (self.path is None) != (self.speed_mps is None):
+            raise ValueError("expected path and speed_mps together, got one of them")
+        if self.path is None:
+            return
+        if self.circle is None:
+            raise ValueError("expected a circle with path, got a polygon")
+        corners = (self.circle[:2], *self.path)
+        if any(one == other for one, other in zip(corners, self.path, strict=False)):
+            raise ValueError(
+                "expected a path whose corners follow the circle's centre and differ from the "
+                "one before, got the same twice"
+            )
 
 
 class RandomObstacles(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):

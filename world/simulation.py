@@ -19,6 +19,7 @@ from math import inf
 import msgspec
 import numpy as np
 
+from swarm import movers
 from swarm.faults import ActuatorStuck, DiskFull, Fault, SensorStuck
 from swarm.geometry import STILL, Floats, Pose, Ranges, Twist, Vec2, length, wrap_angle
 from swarm.messages import (
@@ -31,6 +32,7 @@ from swarm.messages import (
     SensorFrame,
     TickRecord,
 )
+from swarm.movers import Mover
 from swarm.scenario import Obstacle, Scenario
 from world import contact, disturbance, faults, motion, radio, raycast, scene, sensors
 from world.faults import Active, Held
@@ -44,7 +46,8 @@ class World(msgspec.Struct, frozen=True, eq=False):
 
     scenario: Scenario
     obstacles: tuple[Obstacle, ...]  # given and drawn
-    scene: Scene
+    scene: Scene  # those that stand still
+    movers: tuple[Mover, ...]  # the others
     lidar: raycast.Lidar
     radii_m: Floats  # (robots,)
     rows: dict[str, int]  # name -> row
@@ -83,11 +86,15 @@ def build(scenario: Scenario) -> World:
     standing = scene.build(obstacles)
     radii_m = np.array([robot.body_radius_m for robot in scenario.robots])
     sensor = scenario.sensor
+    passing = movers.moving(obstacles)
     return World(
         scenario=scenario,
         obstacles=obstacles,
         scene=standing,
-        lidar=raycast.lidar(sensor.beams, sensor.range_m, standing, radii_m),
+        movers=passing,
+        lidar=raycast.lidar(
+            sensor.beams, sensor.range_m, standing, radii_m, movers.radii_m(passing)
+        ),
         radii_m=radii_m,
         rows={robot.name: row for row, robot in enumerate(scenario.robots)},
         speed_factors=disturbance.speed_factors(
@@ -102,7 +109,7 @@ def init(world: World) -> WorldState:
         Pose(robot.start[0], robot.start[1], wrap_angle(robot.start[2]))
         for robot in world.scenario.robots
     ]
-    clearances_m = _clearances_m(world, _positions_m(poses))
+    clearances_m = _clearances_m(world, _positions_m(poses), 0)
     return WorldState(
         0,
         tuple(
@@ -147,12 +154,20 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
     starts_m = _positions_m(body.pose for body in bodies)
     ends_m = _positions_m(pose for pose, _ in moved)
     clearances_m = np.array([body.clearance_m for body in bodies])
-    touches = contact.sweep(world.scene, starts_m, ends_m, world.radii_m, clearances_m)
+    touches = contact.sweep(
+        world.scene, starts_m, ends_m, world.radii_m, clearances_m, _passing(world, state.tick)
+    )
     for row, share in touches.items():
         ends_m[row] = starts_m[row] + share * (ends_m[row] - starts_m[row])
         x_m, y_m = ends_m[row].tolist()
         moved[row] = (Pose(x_m, y_m, moved[row][0].yaw_rad), STILL)
     excused = _excused(world, state, ends_m, touches)
+    cleared_m = _clearances_m(world, ends_m, state.tick + 1)
+    if world.movers:  # they go on over whom they touch
+        cleared_m = [
+            max(0.0, clearance_m) if body.contact or row in touches else clearance_m
+            for row, (body, clearance_m) in enumerate(zip(bodies, cleared_m, strict=True))
+        ]
 
     history = state.history
     if history:
@@ -176,7 +191,7 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
                 pending,
             )
             for row, (body, (pose, twist), clearance_m, (_, pending)) in enumerate(
-                zip(bodies, moved, _clearances_m(world, ends_m), taken, strict=True)
+                zip(bodies, moved, cleared_m, taken, strict=True)
             )
         ),
         state.active,
@@ -391,7 +406,12 @@ def frame_of(
 def _scans_m(world: World, state: WorldState, rows: Sequence[int]) -> Ranges:
     """(rows, beams) what the lidars of some robots show."""
     scenario = world.scenario
-    ranges_m = raycast.cast(world.lidar, [body.pose for body in state.bodies], rows)
+    ranges_m = raycast.cast(
+        world.lidar,
+        [body.pose for body in state.bodies],
+        rows,
+        movers.places_m(world.movers, _time_s(world, state.tick)),
+    )
     ranges_m = disturbance.scans(
         scenario.disturbance,
         ranges_m,
@@ -506,12 +526,31 @@ def _positions_m(poses: Iterable[Pose]) -> Floats:
     return np.array([(pose.x_m, pose.y_m) for pose in poses])
 
 
-def _clearances_m(world: World, positions_m: Floats) -> list[float]:
+def _clearances_m(world: World, positions_m: Floats, tick: int) -> list[float]:
     """(robots,) from each body's surface to the nearest obstacle's, inf without obstacles."""
     if not world.obstacles:
         return [inf] * len(positions_m)
-    clearances_m: list[float] = (scene.clearance(world.scene, positions_m) - world.radii_m).tolist()
+    nearest_m = scene.clearance(world.scene, positions_m)
+    if world.movers:
+        passing = scene.at(world.movers, _time_s(world, tick))
+        nearest_m = np.minimum(nearest_m, scene.clearance(passing, positions_m))
+    clearances_m: list[float] = (nearest_m - world.radii_m).tolist()
     return clearances_m
+
+
+def _passing(world: World, tick: int) -> contact.Passing | None:
+    """What moves, from this tick to the next."""
+    if not world.movers:
+        return None
+    return contact.Passing(
+        movers.places_m(world.movers, _time_s(world, tick)),
+        movers.places_m(world.movers, _time_s(world, tick + 1)),
+        movers.radii_m(world.movers),
+    )
+
+
+def _time_s(world: World, tick: int) -> float:
+    return tick * world.scenario.dt_s
 
 
 def _frame_record(world: World, frame: SensorFrame) -> FrameRecord:

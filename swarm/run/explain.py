@@ -137,6 +137,11 @@ def side(bearing_rad: float) -> str:
 
 def _sight(found: Why) -> list[str]:
     lines = []
+    lines += [
+        f"  an obstacle that moves ({one.speed_mps:g} m/s) {one.gap_m:.2f} m from its body, "
+        f"{side(one.bearing_rad)}"
+        for one in found.passing
+    ]
     if found.blind_beams:
         lines.append(f"  {found.blind_beams} beams of its lidar showed no number at all")
     if not found.sectors_m:
