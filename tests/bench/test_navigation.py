@@ -21,7 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.run.processes as commands
-from swarm import errors, metrics, scenario
+from swarm import errors, metrics, movers, scenario
 from swarm.run import lockstep, sharing
 from swarm.run.bench import navigation
 from swarm.run.bench.navigation import (
@@ -29,6 +29,7 @@ from swarm.run.bench.navigation import (
     course,
     disturbed,
     encounters,
+    moving,
     obstacles,
     peers,
     rows,
@@ -43,7 +44,7 @@ from world import scene, simulation
 END_S = 30.0
 FAMILIES = (*navigation.FAMILIES, *(name for some in navigation.VARIANTS.values() for name in some))
 RUNS_TINY = len(FAMILIES) * len(navigation.CONTROLLERS)
-PLAIN = (*encounters.groups(), *obstacles.groups())
+PLAIN = (*encounters.groups(), *obstacles.groups(), *moving.groups())
 EVERY = (*PLAIN, *disturbed.groups(PLAIN))
 
 BARN = {
@@ -195,6 +196,7 @@ def test_plan_has_the_full_sizes_when_nothing_is_asked(folder: Path) -> None:
         "paper-fields": 300,
         "paper-u": 30,
         "paper-walls": 30,
+        "moving": 300,
         "barn": 2,
         "collision-avoidance": 1,
     }
@@ -298,6 +300,26 @@ def test_gate_lets_one_body_through_and_nobody_round() -> None:
         assert scene.clearance(standing, centre)[0] == pytest.approx(width_m / 2.0)
         around_m = 2.0 * (encounters.WALL_REACH_M - encounters.PLATOON_ASIDE_M)
         assert around_m > plan.duration_s * plan.robots[0].speed_mps_max
+
+
+@pytest.mark.parametrize("count", moving.SIZES)
+def test_what_moves_keeps_clear_of_what_stands_and_of_start_and_goal(count: int) -> None:
+    plan = moving.field(count, 3).scenario
+    every = scene.obstacles(plan)
+    standing = scene.build(every)
+    assert len(standing.circles) == count
+    assert standing.circles.tolist() == (
+        scene.build(scene.obstacles(obstacles.paper_field(count, 3).scenario)).circles.tolist()
+    )
+    some = movers.moving(every)
+    assert len(some) == 12
+    (robot,) = plan.robots
+    ends_m = np.array([robot.start[:2], robot.goal])
+    for time_s in np.arange(0.0, 30.0, 0.2).tolist():
+        places_m = movers.places_m(some, time_s)
+        assert scene.clearance(standing, places_m).min() >= 0.25 + 0.6 - 1e-9
+        assert scene.clearance(scene.at(some, time_s), ends_m).min() >= 1.5 - 1e-9
+    assert all(0.3 <= mover.speed_mps <= 1.0 for mover in some)
 
 
 def test_public_cases_keep_the_benchmarks_own_rules(folder: Path) -> None:

@@ -6,6 +6,7 @@ Group --make--> Case --course, by processes that share--> Run --rows--> table | 
 cases       a scenario and the times it is measured against
 encounters  families of several robots
 obstacles   families of one robot
+moving      a family of one robot among what moves
 data        families from public benchmark data, when it is there
 disturbed   families again, with noise, latency, speed errors, lost messages
 course      one run in memory, and what it came to
@@ -40,6 +41,7 @@ from swarm.run.bench.navigation import (
     data,
     disturbed,
     encounters,
+    moving,
     obstacles,
 )
 from swarm.run.bench.navigation import rows as results
@@ -50,7 +52,7 @@ from swarm.run.bench.navigation.rows import Navigation, Worst
 CONTROLLERS: tuple[Controller, ...] = get_args(Controller)
 FAMILIES = (
     *("circle-swap", "pairs", "random", "door", "corridor"),
-    *("traps", "paper-fields", "paper-u", "paper-walls"),
+    *("traps", "paper-fields", "paper-u", "paper-walls", "moving"),
     *("barn", "collision-avoidance"),
 )
 # Families again, under something; named by the word at their end all at once. By name only: all of
@@ -112,7 +114,7 @@ def plan(
     wanted = _families(families, tiny=tiny)
     minds = _chosen("--controllers", controllers, CONTROLLERS)
     from_data, skipped = data.groups(folder)
-    every = (*encounters.groups(), *obstacles.groups(), *from_data)
+    every = (*encounters.groups(), *obstacles.groups(), *moving.groups(), *from_data)
     every = (*every, *disturbed.groups(every))
     groups = [group for group in every if group.family in wanted]
     if sizes is not None:
