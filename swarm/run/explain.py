@@ -33,6 +33,7 @@ REASONS = {
     "motors": "its motors do not do what it orders",
     "enclosed": "it went round all that is between it and its goal, both ways",
     "too-long": "it tried for too long",
+    "blocked": "its way is closed, from where it is",
     "leader": "its leader has given up",
 }
 TERMS = {

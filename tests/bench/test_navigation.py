@@ -33,6 +33,7 @@ from swarm.run.bench.navigation import (
     obstacles,
     peers,
     rows,
+    stops,
     table,
 )
 from swarm.run.bench.navigation import data as public
@@ -45,7 +46,7 @@ END_S = 30.0
 FAMILIES = (*navigation.FAMILIES, *(name for some in navigation.VARIANTS.values() for name in some))
 RUNS_TINY = len(FAMILIES) * len(navigation.CONTROLLERS)
 PLAIN = (*encounters.groups(), *obstacles.groups(), *moving.groups())
-EVERY = (*PLAIN, *disturbed.groups(PLAIN))
+EVERY = (*PLAIN, *disturbed.groups(PLAIN), *stops.groups(PLAIN))
 
 BARN = {
     "cylinder_radius_m": 0.075,

@@ -24,7 +24,10 @@ def bench(
     ] = False,
     families: Annotated[
         str | None,
-        Option(metavar="A,B", help="navigation: which families; `disturbed`: all of that kind."),
+        Option(
+            metavar="A,B",
+            help="navigation: which families; all of a kind: disturbed, bursts, dead, half-dead.",
+        ),
     ] = None,
     sizes: Annotated[
         str | None, Option(metavar="A,B", help="navigation: which sizes of them: 50x16m2,16.")

@@ -9,6 +9,7 @@ obstacles   families of one robot
 moving      a family of one robot among what moves
 data        families from public benchmark data, when it is there
 disturbed   families again, with noise, latency, speed errors, lost messages
+stops       families again, with a robot that stops for good
 course      one run in memory, and what it came to
 rows        figures of all runs of a group, the worst runs
 peers       what others reached
@@ -43,6 +44,7 @@ from swarm.run.bench.navigation import (
     encounters,
     moving,
     obstacles,
+    stops,
 )
 from swarm.run.bench.navigation import rows as results
 from swarm.run.bench.navigation.cases import Case, Controller, Group
@@ -59,7 +61,10 @@ FAMILIES = (
 # them would take days.
 VARIANTS: dict[str, tuple[str, ...]] = {
     ending: tuple(f"{family}-{ending}" for family in FAMILIES if family in families)
-    for ending, (_, families) in disturbed.VARIANTS.items()
+    for ending, families in (
+        *((ending, families) for ending, (_, families) in disturbed.VARIANTS.items()),
+        *((ending, tuple(stops.SHARES)) for ending in stops.KINDS),
+    )
 }
 DATA = Path("../shared/data")  # where the benchmark data is looked for
 SEED_MAX = 1_000_000
@@ -115,7 +120,7 @@ def plan(
     minds = _chosen("--controllers", controllers, CONTROLLERS)
     from_data, skipped = data.groups(folder)
     every = (*encounters.groups(), *obstacles.groups(), *moving.groups(), *from_data)
-    every = (*every, *disturbed.groups(every))
+    every = (*every, *disturbed.groups(every), *stops.groups(every))
     groups = [group for group in every if group.family in wanted]
     if sizes is not None:
         kept = _chosen("--sizes", sizes, tuple(dict.fromkeys(group.size for group in groups)))

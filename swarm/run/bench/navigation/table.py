@@ -77,7 +77,8 @@ def _worst_line(worst: Worst) -> str:
     run = worst.run
     what = run.outcome if run.outcome != "succeeded" else f"{_ratio(run.makespan_ratio)} x"
     where = f"{run.family} {run.size} {run.number} {run.controller}"
-    said = f", {run.problem}" if run.problem else ""
+    told = f", {run.told} said rightly that they cannot" if run.told else ""
+    said = f"{told}, {run.problem}" if run.problem else told
     return f"  {where}: {what}, {run.arrived} of {run.robots} arrived{said}: {worst.command}"
 
 
