@@ -60,6 +60,12 @@ def test_identities_hold_under_declared_disturbances(folder: Path) -> None:
     check_identities(folder, "two-obstacles", "--duration", "8", *settings, succeeds=False)
 
 
+def test_identities_hold_among_obstacles_that_move(folder: Path) -> None:
+    moving = ("obstacles.0.path=[[7.0, 9.0]]", "obstacles.0.speed_mps=0.3")
+    settings = [part for text in moving for part in ("--set", text)]
+    check_identities(folder, "two-obstacles", "--duration", "8", *settings, succeeds=False)
+
+
 def check_identities(folder: Path, name: str, *arguments: str, succeeds: bool = True) -> None:
     first = run(folder, name, "first", *arguments, succeeds=succeeds)
     assert run(folder, name, "second", *arguments, succeeds=succeeds) == first
