@@ -131,7 +131,10 @@ def _setting(scenario: Scenario, summary: metrics.Summary) -> str:
     )
     among = f" among {_word(obstacles)} obstacle{'s' if obstacles > 1 else ''}" if obstacles else ""
     moving = len(movers.moving(scenario.obstacles))
-    among += f", {_word(moving)} of {'them' if obstacles > 1 else 'it'} moving" if moving else ""
+    if 0 < moving < obstacles:
+        among += f", {_word(moving)} of them moving"
+    elif moving:
+        among += f" that move{'s' if moving == 1 else ''}"
     how = (
         "all in one process, in lock-step"
         if summary.bus == "memory"
