@@ -17,6 +17,7 @@ from matplotlib.patches import Circle, Patch, Polygon
 
 from dashboards import stage
 from dashboards.tracks import NOBODY, WAITS, Tracks
+from swarm import movers
 from swarm.geometry import Floats
 
 BODIES_MAX = 14  # positions of a robot along its way, at most
@@ -71,9 +72,17 @@ def frame(axes: Axes, box: tuple[float, float, float, float]) -> None:
 
 
 def scene(axes: Axes, path: Tracks) -> None:
-    """Obstacles, and a cross at every goal."""
+    """Obstacles, a cross at every goal; of what moves its way, and where it begins."""
     for obstacle in path.obstacles:
-        if obstacle.circle is not None:
+        if obstacle.circle is not None and obstacle.path is not None:
+            x, y, radius_m = obstacle.circle
+            axes.plot(
+                *np.array([(x, y), *obstacle.path]).T, color=FAINT, linewidth=LINE, linestyle=":"
+            )
+            axes.add_patch(
+                Circle((x, y), radius_m, facecolor=OBSTACLE, edgecolor=INK, linestyle=":")
+            )
+        elif obstacle.circle is not None:
             x, y, radius_m = obstacle.circle
             axes.add_patch(Circle((x, y), radius_m, facecolor=OBSTACLE, edgecolor=INK))
         else:
@@ -145,8 +154,13 @@ def bodies(axes: Axes, path: Tracks, moments: Iterable[int], *, numbered: bool =
     """Bodies in their true size at some ticks, with a line where they head or with their number.
 
     One that has not moved since is not drawn again; the rim of a formation's leader is thick.
+    Obstacles that move are rings at the same ticks.
     """
     ticks = list(moments)
+    for mover in movers.moving(path.obstacles):
+        for time_s in path.times_s[ticks].tolist():
+            centre = movers.place(mover, time_s)
+            axes.add_patch(Circle(centre, mover.radius_m, fill=False, edgecolor=FAINT, zorder=1))
     for row, colour in enumerate(colours(path)):
         radius_m = path.scenario.robots[row].body_radius_m
         rim = LEADER_RIM if leads(path, row) else RIM

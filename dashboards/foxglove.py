@@ -1,6 +1,6 @@
 """Extra channels that Foxglove and Rerun draw by themselves when they open the MCAP.
 
-    TickRecord --one message per kind--> /tf, /poses, /bodies, /scans, /obstacles, /log
+    TickRecord --one message per kind--> /tf, /poses, /bodies, /scans, /obstacles, /movers, /log
 
 Schemas and encoders are Foxglove's own. Poses and transforms are hundreds of small objects per tick
 for a large swarm (4 and 6 us per robot), so those two are encoded once and afterwards only the
@@ -18,9 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from dashboards import plots, snapshot, stage
-from swarm import geometry, messages
-from swarm.geometry import Floats
+from swarm import geometry, messages, movers
+from swarm.geometry import Floats, Vec2
 from swarm.messages import TickRecord
+from swarm.movers import Mover
 from swarm.recording import Channel
 from swarm.scenario import Obstacle, Scenario
 
@@ -92,7 +93,7 @@ def channels(scenario: Scenario, obstacles: tuple[Obstacle, ...]) -> tuple[Chann
     def standing(record: TickRecord) -> bytes | None:
         return _cloud(record, still) if record.tick % OBSTACLES_TICKS == 0 and len(still) else None
 
-    return (
+    found = (
         _channel("/tf", fm.FrameTransforms, lambda r: transforms.encode(r)),
         _channel("/poses", fm.PosesInFrame, lambda r: poses.encode(r)),
         _channel("/bodies", fm.PointCloud, lambda r: _cloud(r, bodies(snapshot.motion(r)))),
@@ -100,6 +101,14 @@ def channels(scenario: Scenario, obstacles: tuple[Obstacle, ...]) -> tuple[Chann
         _channel("/obstacles", fm.PointCloud, standing),
         _channel("/log", fm.Log, lambda r: _log(r) if r.events else None),
     )
+    some = movers.moving(obstacles)
+    if not some:
+        return found
+
+    def passing(record: TickRecord) -> bytes:
+        return _cloud(record, _rims(some, record.tick * scenario.dt_s))
+
+    return (*found, _channel("/movers", fm.PointCloud, passing))
 
 
 def _channel(
@@ -212,10 +221,11 @@ def _bodies(scenario: Scenario) -> Callable[[Floats], Cloud]:
 def _outlines(obstacles: Sequence[Obstacle]) -> Cloud:
     pieces: list[Floats] = [np.empty((0, 2))]
     for obstacle in obstacles:
+        if obstacle.path is not None:
+            continue
         if obstacle.circle is not None:
             x, y, radius_m = obstacle.circle
-            count = max(8, ceil(geometry.TAU * radius_m / OUTLINE_STEP_M))
-            pieces.append(np.array([x, y]) + radius_m * _ring(count))
+            pieces.append(_rim((x, y), radius_m))
         else:
             corners = np.array(obstacle.polygon)
             for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -223,6 +233,17 @@ def _outlines(obstacles: Sequence[Obstacle]) -> Cloud:
                 along = np.linspace(0.0, 1.0, max(2, ceil(length_m / OUTLINE_STEP_M)))
                 pieces.append(start + along[:, None] * (end - start))
     return _points(np.concatenate(pieces), stage.OBSTACLE_EDGE, 0.0)
+
+
+def _rims(some: Sequence[Mover], time_s: float) -> Cloud:
+    """Those that move, where they are then."""
+    rims = [_rim(movers.place(mover, time_s), mover.radius_m) for mover in some]
+    return _points(np.concatenate(rims), stage.OBSTACLE_EDGE, 0.0)
+
+
+def _rim(centre: Vec2, radius_m: float) -> Floats:
+    count = max(8, ceil(geometry.TAU * radius_m / OUTLINE_STEP_M))
+    return np.array(centre) + radius_m * _ring(count)
 
 
 def _ring(count: int) -> Floats:

@@ -17,7 +17,7 @@ from dashboards.live import APPLICATION
 HERE = Path(__file__).parent
 FOXGLOVE = HERE / "foxglove.json"
 RERUN = HERE / "swarm.rbl"
-POINT_PIXELS = {"/bodies": 4.0, "/scans": 2.0, "/obstacles": 3.0}
+POINT_PIXELS = {"/bodies": 4.0, "/scans": 2.0, "/obstacles": 3.0, "/movers": 3.0}
 SCENE, EVENTS = "3D!scene", "RosOut!events"  # kind of panel, and a name of its own
 
 

@@ -16,7 +16,7 @@ import msgspec
 from dashboards import course
 from dashboards.course import Course
 from dashboards.incidents import Incident
-from swarm import faults, metrics
+from swarm import faults, metrics, movers
 from swarm.scenario import Scenario
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
@@ -130,6 +130,11 @@ def _setting(scenario: Scenario, summary: metrics.Summary) -> str:
         scenario.random_obstacles.count if scenario.random_obstacles is not None else 0
     )
     among = f" among {_word(obstacles)} obstacle{'s' if obstacles > 1 else ''}" if obstacles else ""
+    moving = len(movers.moving(scenario.obstacles))
+    if 0 < moving < obstacles:
+        among += f", {_word(moving)} of them moving"
+    elif moving:
+        among += f" that move{'s' if moving == 1 else ''}"
     how = (
         "all in one process, in lock-step"
         if summary.bus == "memory"

@@ -13,6 +13,7 @@ import rerun as rr
 from dashboards import batches, snapshot, stage
 from dashboards.batches import Batch, Drawing, frame_of
 from dashboards.snapshot import YAW
+from swarm import movers
 from swarm.geometry import Floats
 from swarm.messages import FrameRecord
 
@@ -31,6 +32,16 @@ def bodies(batch: Batch) -> Iterator[Drawing]:
     discs = batches.points(batch.positions, counts)
     noses = batches.arrows(batch.positions, ahead, counts)
     yield Drawing("world/bodies", batch.all, [*discs, *noses])
+
+
+def passing(batch: Batch) -> Iterator[Drawing]:
+    """A disc for each obstacle that moves."""
+    found = movers.moving(batch.scenario.obstacles)
+    if found:
+        dt_s = batch.scenario.dt_s
+        places_m = np.array([movers.places_m(found, tick * dt_s) for tick in batch.ticks.tolist()])
+        counts = [len(found)] * len(batch.all)
+        yield Drawing("world/movers", batch.all, batches.points(places_m, counts))
 
 
 def trails(batch: Batch) -> Iterator[Drawing]:

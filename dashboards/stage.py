@@ -14,7 +14,7 @@ import numpy.typing as npt
 import rerun as rr
 
 from dashboards import states
-from swarm import geometry, palette
+from swarm import geometry, movers, palette
 from swarm.geometry import Floats
 from swarm.scenario import Obstacle, Scenario
 
@@ -49,6 +49,7 @@ TERMS_MAX = 10  # of leadership, that have the leader's own colour on the time l
 BACKGROUND = (20, 23, 28)
 OBSTACLE = 0x3E4859FF
 OBSTACLE_EDGE = 0x8A97ADFF
+MOVER = 0x7388A8FF
 SCAN = 0xFFF3C4FF
 CELL_FREE = 0x1F3A3AFF
 CELL_OBSTACLE = 0xF08C3AFF
@@ -75,6 +76,7 @@ ORDER = {  # of drawing, where Rerun's own (20 for lines, 30 for points) is not 
     "world/trails/recent": 6.0,
     "world/trails/now": 7.0,
     "world/goals": 8.0,
+    "world/movers": 25.0,
     "world/slots": 26.0,
     "world/forces/terms": 51.0,
     "world/forces/resultant": 52.0,
@@ -127,6 +129,7 @@ def _scene(scenario: Scenario, obstacles: Sequence[Obstacle]) -> dict[str, Stati
     return {
         "world": [rr.Transform3D(mat3x3=np.diag([1.0, -1.0, 1.0]))],
         "world/obstacles": [*_discs(obstacles), *_outlines(obstacles)],
+        **_moving(obstacles),
         "world/goals": _goals(scenario, own),
         "world/links": [_lines("world/links", 0.012)],
         "world/msam/cells": [_lines("world/msam/cells")],
@@ -284,7 +287,11 @@ def bounds(
     for obstacle in obstacles:
         if obstacle.circle is not None:
             x, y, radius_m = obstacle.circle
-            points += [(x - radius_m, y - radius_m), (x + radius_m, y + radius_m)]
+            for corner_x, corner_y in ((x, y), *(obstacle.path or ())):
+                points += [
+                    (corner_x - radius_m, corner_y - radius_m),
+                    (corner_x + radius_m, corner_y + radius_m),
+                ]
         else:
             points += obstacle.polygon or ()
     x_min, y_min = (min(point[axis] for point in points) - margin_m for axis in (0, 1))
@@ -293,7 +300,11 @@ def bounds(
 
 
 def _discs(obstacles: Sequence[Obstacle]) -> Static:
-    circles = [obstacle.circle for obstacle in obstacles if obstacle.circle is not None]
+    circles = [
+        obstacle.circle
+        for obstacle in obstacles
+        if obstacle.circle is not None and obstacle.path is None
+    ]
     if not circles:
         return ()
     table = np.array(circles)
@@ -303,6 +314,8 @@ def _discs(obstacles: Sequence[Obstacle]) -> Static:
 def _outlines(obstacles: Sequence[Obstacle]) -> Static:
     strips = []
     for obstacle in obstacles:
+        if obstacle.path is not None:
+            continue
         if obstacle.circle is not None:
             x, y, radius_m = obstacle.circle
             strips.append(np.array([x, y]) + radius_m * RING)
@@ -312,6 +325,23 @@ def _outlines(obstacles: Sequence[Obstacle]) -> Static:
     if not strips:
         return ()
     return [rr.LineStrips2D(strips, radii=[0.03], colors=[OBSTACLE_EDGE])]
+
+
+def _moving(obstacles: Sequence[Obstacle]) -> dict[str, Static]:
+    """Discs of those that move, all in one entity, and the ways that they go; none without."""
+    found = movers.moving(obstacles)
+    if not found:
+        return {}
+    path = "world/movers"
+    ways = [np.array(mover.corners) for mover in found]
+    return {
+        path: [
+            rr.Points2D.from_fields(
+                colors=[MOVER], radii=movers.radii_m(found), draw_order=ORDER[path]
+            ),
+            rr.LineStrips2D(ways, radii=[0.01], colors=[OBSTACLE], draw_order=1.0),
+        ]
+    }
 
 
 def _goals(scenario: Scenario, own: Colours) -> Static:
@@ -333,6 +363,7 @@ def _goals(scenario: Scenario, own: Colours) -> Static:
 LEGEND = """
 | seen | means |
 |---|---|
+| disc on a thin line | an obstacle that moves, and its way |
 | disc, nose, trail | a robot in its own colour, and its way in the last 30 s |
 | gold ring | leads; map, scan and circles are the first leader's |
 | rays, cells | its map: free, occupied (orange), a robot it hears (blue), where it goes (green) |

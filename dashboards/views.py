@@ -23,6 +23,7 @@ def draw(batch: Batch) -> Iterator[Drawing]:
 
 VIEWS: tuple[Callable[[Batch], Iterator[Drawing]], ...] = (
     scene.bodies,
+    scene.passing,
     scene.trails,
     scene.stopped,
     scene.slots,

@@ -35,8 +35,8 @@ Stamp = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
 Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
 # Why a robot says FAILED or HOLD: it touched something; its sensors cannot be trusted; its motors
 # do not follow; it walked round all that is between it and its goal, both ways; it tried for too
-# long; its leader has failed.
-Reason = Literal["", "contact", "sensors", "motors", "enclosed", "too-long", "leader"]
+# long; its leader has failed; its way is closed, where its pose says.
+Reason = Literal["", "contact", "sensors", "motors", "enclosed", "too-long", "leader", "blocked"]
 
 
 # Of an array. Where one side is 0 the others could be anything, and numpy does not take that.

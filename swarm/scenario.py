@@ -30,6 +30,7 @@ Point = tuple[Coordinate, Coordinate]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 ROBOTS_MAX = 500
+DEVIATES_MAX = 3.0  # sigma at which noise is cut; one normal draw in 370 lies beyond
 CONTROLLERS = ("extended", "navigator", "paper")  # built in
 RESERVED_NAMES = frozenset(("world", "supervisor", "router", "run"))  # other processes' names
 
@@ -89,14 +90,33 @@ class Line(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Obstacle(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A circle (x_m, y_m, radius_m) or a simple polygon (corners in order): exactly one of them."""
+    """A circle (x_m, y_m, radius_m) or a simple polygon (corners in order): exactly one of them.
+
+    A circle with a path moves: from its centre through the corners of the path and back the same
+    way, again and again, or round when the path ends at that centre. Nothing stops it, it passes
+    through other obstacles, and only lidars see it.
+    """
 
     circle: tuple[Coordinate, Coordinate, Positive] | None = None
     polygon: Annotated[tuple[Point, ...], Meta(min_length=3, max_length=200)] | None = None
+    path: Annotated[tuple[Point, ...], Meta(min_length=1, max_length=200)] | None = None
+    speed_mps: Annotated[float, Meta(gt=0.0, le=20.0)] | None = None  # along the path
 
     def __post_init__(self) -> None:
         if (self.circle is None) == (self.polygon is None):
             raise ValueError("expected either circle or polygon, got both or none")
+        if (self.path is None) != (self.speed_mps is None):
+            raise ValueError("expected path and speed_mps together, got one of them")
+        if self.path is None:
+            return
+        if self.circle is None:
+            raise ValueError("expected a circle with path, got a polygon")
+        corners = (self.circle[:2], *self.path)
+        if any(one == other for one, other in zip(corners, self.path, strict=False)):
+            raise ValueError(
+                "expected a path whose corners follow the circle's centre and differ from the "
+                "one before, got the same twice"
+            )
 
 
 class RandomObstacles(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -294,6 +314,57 @@ class Clock(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     start_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 15.0  # wall; then without it
 
 
+class Disturbance(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Errors that strike every robot in every tick, and are no faults: nobody is excused by them.
+
+    Robots know what is declared here, never what is drawn. Normal deviates are cut at 3 sigma, so
+    that there is a bound to reckon with.
+    """
+
+    range_sigma_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # of each beam; a miss stays one
+    # of the pose in the frame, in each coordinate and in yaw; the body is where it is
+    position_sigma_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    yaw_sigma_rad: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    # motors take a set-point so many ticks later; beacons are not late
+    latency_ticks: Annotated[int, Meta(ge=0, le=4)] = 0
+    # the body goes and turns (1 + e) times as fast as its wheels say, e this or minus this: one of
+    # them for each robot, drawn once
+    speed_error: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    # share of the beacons that each directed link loses
+    loss_probability: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.0
+    # 0: each tick is drawn for itself; else 1 to so many are lost one after the other, evenly
+    # drawn, and at least one arrives in between
+    loss_ticks_max: Annotated[int, Meta(ge=0, le=100)] = 0
+
+    def __post_init__(self) -> None:
+        most = self.loss_ticks_mean / (self.loss_ticks_mean + 1.0)
+        if self.loss_ticks_max and self.loss_probability > most:
+            raise ValueError(
+                f"expected loss_probability <= {most:.4g} with bursts of up to "
+                f"{self.loss_ticks_max} ticks, got {self.loss_probability}"
+            )
+
+    @property
+    def loss_ticks_mean(self) -> float:
+        """Length of a burst, in the mean."""
+        return (self.loss_ticks_max + 1) / 2.0
+
+    @property
+    def range_error_m_max(self) -> float:
+        """No range is further off."""
+        return DEVIATES_MAX * self.range_sigma_m
+
+    @property
+    def position_error_m_max(self) -> float:
+        """No position is further off, whichever way."""
+        return DEVIATES_MAX * self.position_sigma_m
+
+    @property
+    def yaw_error_rad_max(self) -> float:
+        """No yaw is further off."""
+        return DEVIATES_MAX * self.yaw_sigma_rad
+
+
 class Recording(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is written, and how soon it is safe."""
 
@@ -355,6 +426,7 @@ class Shared(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     guard: Guard = Guard()
     navigator: Navigator = Navigator()
     clock: Clock = Clock()
+    disturbance: Disturbance = Disturbance()
 
     def __post_init__(self) -> None:
         if self.sensor.beams % self.msam.sectors:

@@ -5,6 +5,7 @@ motion       set-point -> twist within the limits -> exact arc, or dynamics
 dynamics     twist asked for -> wheel torques -> eq. 16 -> twist and pose
 contact      who touches what on the way
 raycast      the lidar: beams against circles, edges and bodies
+disturbance  declared errors that strike everybody: noise, latency, speeds, lost beacons
 faults       what is wrong on purpose: which faults are active, what they do to commands and motors
 sensors      lidars that fail
 radio        who hears whom, and what of it, how late

@@ -33,13 +33,27 @@ class Way(msgspec.Struct, frozen=True, array_like=True):
         return (self.start[0] + share * self.chord[0], self.start[1] + share * self.chord[1])
 
 
+class Passing(msgspec.Struct, frozen=True, eq=False):
+    """Obstacles on their way through one tick, world frame; nothing stops them."""
+
+    starts_m: Floats  # (movers, 2)
+    ends_m: Floats  # (movers, 2)
+    radii_m: Floats  # (movers,)
+
+
 def sweep(
-    scene: Scene, starts_m: Floats, ends_m: Floats, radii_m: Floats, clearances_m: Floats
+    scene: Scene,
+    starts_m: Floats,
+    ends_m: Floats,
+    radii_m: Floats,
+    clearances_m: Floats,
+    passing: Passing | None = None,
 ) -> dict[int, float]:
     """First contacts of all bodies with each other and with the obstacles in one tick.
 
     Both robots of a pair touch, also one that stood. Whoever touches stops there, and what comes
-    later in the tick meets it standing. Bodies that stand do not touch anew.
+    later in the tick meets it standing. Bodies that stand do not touch anew, but what moves
+    touches them: a robot that is run over has touched it like any other.
 
     Args:
         starts_m, ends_m: (robots, 2) world frame.
@@ -53,7 +67,8 @@ def sweep(
     moving = lengths_m > 0.0
     beside = (moving & (clearances_m <= lengths_m)).nonzero()[0].tolist()
     pairs = _near_pairs(starts_m, radii_m + lengths_m, moving)
-    if not beside and not pairs:
+    passers = [] if passing is None else _near_passers(starts_m, radii_m + lengths_m, passing)
+    if not beside and not pairs and not passers:
         return {}
     ways = [
         Way((x_m, y_m), (chord_x_m, chord_y_m), radius_m)
@@ -61,12 +76,31 @@ def sweep(
             starts_m.tolist(), chords_m.tolist(), radii_m.tolist(), strict=True
         )
     ]
-    return _settle(
-        ways,
-        {row: _first_obstacle(scene, ways[row]) for row in beside},
-        pairs,
-        [1.0 if moves else 0.0 for moves in moving.tolist()],
-    )
+    walls = {row: _first_obstacle(scene, ways[row]) for row in beside}
+    stops = [1.0 if moves else 0.0 for moves in moving.tolist()]
+    if passing is not None:
+        ways += [
+            Way((x_m, y_m), (end_x_m - x_m, end_y_m - y_m), radius_m)
+            for (x_m, y_m), (end_x_m, end_y_m), radius_m in zip(
+                passing.starts_m.tolist(),
+                passing.ends_m.tolist(),
+                passing.radii_m.tolist(),
+                strict=True,
+            )
+        ]
+        stops += [1.0] * len(passing.radii_m)
+    return _settle(ways, walls, [*pairs, *passers], stops, len(starts_m))
+
+
+def _near_passers(starts_m: Floats, reach_m: Floats, passing: Passing) -> list[tuple[int, int]]:
+    """Pairs (robot, mover) that could meet; movers are numbered behind the robots."""
+    chords_m = passing.ends_m - passing.starts_m
+    lengths_m = np.sqrt(chords_m[:, 0] * chords_m[:, 0] + chords_m[:, 1] * chords_m[:, 1])
+    dx_m = starts_m[:, 0, None] - passing.starts_m[:, 0]
+    dy_m = starts_m[:, 1, None] - passing.starts_m[:, 1]
+    both_m = reach_m[:, None] + (passing.radii_m + lengths_m)
+    robots, movers = (dx_m * dx_m + dy_m * dy_m <= both_m * both_m).nonzero()
+    return list(zip(robots.tolist(), (movers + len(starts_m)).tolist(), strict=True))
 
 
 def _near_pairs(starts_m: Floats, reach_m: Floats, moving: Flags) -> list[tuple[int, int]]:
@@ -86,13 +120,15 @@ def _settle(
     walls: dict[int, float],
     pairs: Sequence[tuple[int, int]],
     stops: list[float],
+    count: int,
 ) -> dict[int, float]:
     """Touches in the order in which they happen, each one changing what can happen after it.
 
     Args:
         walls: share of the way at which a body alone would touch an obstacle, by row.
         pairs: that could meet.
-        stops: (robots,) share at which each body stands, unless it touches before.
+        stops: share at which each body stands, unless it touches before.
+        count: of robots; what is numbered behind them is never stopped.
     """
     touches: dict[int, float] = {}
     met: set[tuple[int, int]] = set()
@@ -112,6 +148,8 @@ def _settle(
             return touches
         met.add((one, other))
         for row in (one, other):
+            if row >= count:
+                continue
             stops[row] = min(stops[row], share)
             touches[row] = stops[row]
 

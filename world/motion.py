@@ -14,16 +14,28 @@ from world import dynamics
 
 
 def step(
-    robot: RobotParameters, pose: Pose, twist: Twist, set_point: Twist, *, dt_s: float
+    robot: RobotParameters,
+    pose: Pose,
+    twist: Twist,
+    set_point: Twist,
+    *,
+    dt_s: float,
+    speed_factor: float = 1.0,
 ) -> tuple[Pose, Twist]:
     """Pose and twist after one tick under a set-point.
 
     With ideal wheels the new twist is reached at once and held for the tick (the paper's 0.08 m
     step is this at 1 m/s), so the way is the exact arc of eq. 7.
+
+    Args:
+        twist: of the body, and so is the twist returned.
+        speed_factor: of the body's speeds over those that its wheels believe in, as wheels that
+            are larger than they should be have it. Limits are the wheels'.
     """
     if set_point == STILL and twist == STILL:
         return pose, twist
-    reached = limited(robot, twist, set_point, dt_s=dt_s)
+    reached = limited(robot, scaled(twist, 1.0 / speed_factor), set_point, dt_s=dt_s)
+    reached = scaled(reached, speed_factor)
     if robot.motion == "dynamic":
         return dynamics.step(robot, pose, twist, reached, dt_s=dt_s)
     return advance(pose, reached, dt_s), reached
@@ -53,6 +65,13 @@ def limited(robot: RobotParameters, twist: Twist, set_point: Twist, *, dt_s: flo
         scale = robot.speed_mps_max / rim_mps
         return Twist(speed_mps * scale, turn_rate_radps * scale)
     return Twist(speed_mps, turn_rate_radps)
+
+
+def scaled(twist: Twist, factor: float) -> Twist:
+    """So many times as fast, along the same curve."""
+    if factor == 1.0:
+        return twist
+    return Twist(factor * twist.speed_mps, factor * twist.turn_rate_radps)
 
 
 def wheels(robot: RobotParameters, twist: Twist) -> Wheels:

@@ -1,4 +1,4 @@
-"""The lidar: every beam of every robot against circles, bodies and edges, all at once.
+"""The lidar: every beam of every robot against circles, bodies, what moves and edges, all at once.
 
     pairs (robot, thing) within range -> the beams that can meet it -> exact distances -> nearest
 
@@ -25,6 +25,8 @@ Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 MARGIN_BEAMS = 0.01  # each side; rounding moves a bearing by less than 1e-7 rad even at a tangent
+NONE_M: Floats = np.empty(0)
+NOWHERE_M: Floats = np.empty((0, 2))
 EDGE_ON_RAD = 0.01  # an edge seen under more than pi less this has the lidar nearly on it
 
 
@@ -34,21 +36,24 @@ class Lidar(msgspec.Struct, frozen=True, eq=False):
     range_m: float
     beams: Floats  # (2, beams) forward and left part of each direction, body frame
     circles_m: Floats  # (2, obstacles) centres
-    radii_m: Floats  # (obstacles + robots,) of circles, then of bodies
-    reach_m2: Floats  # (obstacles + robots,) squared distance from which they can be seen
-    others: Flags  # (robots, obstacles + robots) false for a robot's own body
+    # things: circles, then bodies, then what moves
+    radii_m: Floats  # (things,)
+    reach_m2: Floats  # (things,) squared distance from which they can be seen
+    others: Flags  # (robots, things) false for a robot's own body
     corners_m: Floats  # (2, 2, edges) x or y; from or to
     middles_m: Floats  # (2, edges)
     middle_reach_m2: Floats  # (edges,)
 
 
-def lidar(beams: int, range_m: float, scene: Scene, radii_m: Floats) -> Lidar:
+def lidar(
+    beams: int, range_m: float, scene: Scene, radii_m: Floats, mover_radii_m: Floats = NONE_M
+) -> Lidar:
     """Lidars of robots whose bodies are circles of radii_m (robots,), among some obstacles.
 
     The beams are equal and cover the whole circle, beam k towards sector_centres(beams)[k].
     """
     centres_rad = geometry.sector_centres(beams)
-    things_m = np.concatenate((scene.circles[:, 2], radii_m))
+    things_m = np.concatenate((scene.circles[:, 2], radii_m, mover_radii_m))
     reach_m = things_m + range_m
     robots = len(radii_m)
     corners_m = scene.edges.reshape(-1, 2, 2).transpose(2, 1, 0)
@@ -69,14 +74,18 @@ def lidar(beams: int, range_m: float, scene: Scene, radii_m: Floats) -> Lidar:
     )
 
 
-def cast(sensor: Lidar, poses: Sequence[Pose], rows: Sequence[int]) -> Ranges:
+def cast(
+    sensor: Lidar, poses: Sequence[Pose], rows: Sequence[int], movers_m: Floats = NOWHERE_M
+) -> Ranges:
     """What the lidars of some robots measure: from the axle centre to the nearest surface.
 
-    No lidar is ever inside a thing: bodies stop at the first contact, and have a radius.
+    A lidar is never inside a thing, bodies stop at the first contact and have a radius, but for
+    what moves and has run over it: then every beam measures 0.
 
     Args:
         poses: of all robots.
         rows: whose lidars are asked.
+        movers_m: (movers, 2) centres, world frame.
     Returns:
         (rows, beams) m, inf where nothing is hit within range; read-only.
     """
@@ -86,7 +95,7 @@ def cast(sensor: Lidar, poses: Sequence[Pose], rows: Sequence[int]) -> Ranges:
         positions_m = np.array([(pose.x_m, pose.y_m) for pose in poses]).T
         own = np.array(rows)
         axes = np.array([(cos(poses[row].yaw_rad), sin(poses[row].yaw_rad)) for row in rows]).T
-        _cast_circles(sensor, positions_m, own, axes, nearest_m)
+        _cast_circles(sensor, positions_m, own, axes, movers_m.T, nearest_m)
         if sensor.corners_m.size:
             _cast_edges(sensor, positions_m[:, own], axes, nearest_m)
     nearest_m[nearest_m > sensor.range_m] = np.inf
@@ -96,10 +105,15 @@ def cast(sensor: Lidar, poses: Sequence[Pose], rows: Sequence[int]) -> Ranges:
 
 
 def _cast_circles(
-    sensor: Lidar, positions_m: Floats, own: Indices, axes: Floats, nearest_m: Floats
+    sensor: Lidar,
+    positions_m: Floats,
+    own: Indices,
+    axes: Floats,
+    movers_m: Floats,
+    nearest_m: Floats,
 ) -> None:
-    """Lowers nearest_m to the obstacles' circles and the other robots' bodies."""
-    centres_m = np.concatenate((sensor.circles_m, positions_m), axis=1)
+    """Lowers nearest_m to the obstacles' circles, the other robots' bodies and what moves."""
+    centres_m = np.concatenate((sensor.circles_m, positions_m, movers_m), axis=1)
     offsets_m = centres_m[:, None] - positions_m[:, own, None]  # (2, rows, things)
     squares_m2 = offsets_m * offsets_m
     distances_m2 = squares_m2[0] + squares_m2[1]
@@ -107,13 +121,17 @@ def _cast_circles(
     observer, thing = np.divmod(near, len(sensor.radii_m))
     radius_m = sensor.radii_m[thing]
     ahead_m, aside_m = _into_body(offsets_m.reshape(2, -1)[:, near], axes[:, observer])
-    half_rad = np.arcsin(radius_m / np.sqrt(distances_m2.ravel()[near]))
+    distance_m = np.sqrt(distances_m2.ravel()[near])
+    inside = distance_m < radius_m
+    half_rad = np.arcsin(np.where(inside, 1.0, radius_m) / np.where(inside, 1.0, distance_m))
+    half_rad[inside] = np.pi
     bearing_rad = np.arctan2(aside_m, ahead_m)
     pair, beam = _beams(sensor.beams.shape[1], bearing_rad - half_rad, bearing_rad + half_rad)
     along_m, across_m = _into_body((ahead_m[pair], aside_m[pair]), sensor.beams[:, beam])
     square_m2 = (radius_m * radius_m)[pair] - across_m * across_m  # of half the chord
     range_m = along_m - np.sqrt(np.maximum(square_m2, 0.0))
     range_m[square_m2 < 0.0] = np.inf
+    range_m[inside[pair]] = 0.0
     np.minimum.at(nearest_m, observer[pair] * sensor.beams.shape[1] + beam, range_m)
 
 

@@ -3,16 +3,20 @@
     scenario --obstacles--> given ones, then drawn ones --build--> Scene (flat arrays)
                                                      clearance(scene, points) -> nearest surface
 
-Everything here stands still; robots' bodies are the business of contact and raycast.
+What moves (swarm.movers) is not in a scene but for a moment; nor are robots' bodies: they are the
+business of contact and raycast.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 import numpy as np
 
-from swarm import errors, geometry
+from swarm import errors, geometry, movers
 from swarm.geometry import Floats
+from swarm.movers import Mover
 from swarm.scenario import Obstacle, RandomObstacles, Scenario
 
 STREAM_OBSTACLES = 1  # second half of the Philox key; every purpose of the world has its own
@@ -45,9 +49,10 @@ def obstacles(scenario: Scenario) -> tuple[Obstacle, ...]:
     if scenario.random_obstacles is not None:
         drawn = _draw(scenario, scenario.random_obstacles)
     every = scenario.obstacles + drawn
-    scene = build(every)
+    scenes = (build(every), at(movers.moving(every), 0.0))
     for robot in scenario.robots:
-        gap_m = float(clearance(scene, np.array([robot.start[:2]]))[0]) - robot.body_radius_m
+        start_m = np.array([robot.start[:2]])
+        gap_m = min(float(clearance(scene, start_m)[0]) for scene in scenes) - robot.body_radius_m
         if gap_m <= 0.0:
             raise errors.ScenarioError(
                 f"robots: expected '{robot.name}' to start clear of every obstacle, "
@@ -57,8 +62,12 @@ def obstacles(scenario: Scenario) -> tuple[Obstacle, ...]:
 
 
 def build(every: tuple[Obstacle, ...]) -> Scene:
-    """Flat arrays of some obstacles."""
-    circles = [obstacle.circle for obstacle in every if obstacle.circle is not None]
+    """Flat arrays of those obstacles that stand still."""
+    circles = [
+        obstacle.circle
+        for obstacle in every
+        if obstacle.circle is not None and obstacle.path is None
+    ]
     edges: list[tuple[float, float, float, float]] = []
     first_edges: list[int] = []
     for obstacle in every:
@@ -73,6 +82,13 @@ def build(every: tuple[Obstacle, ...]) -> Scene:
         np.array(edges, dtype=np.float64).reshape(-1, 4),
         tuple(first_edges),
     )
+
+
+def at(some: Sequence[Mover], time_s: float) -> Scene:
+    """Those that move, where they are at a simulation time."""
+    centres_m = movers.places_m(some, time_s)
+    circles = np.column_stack((centres_m, movers.radii_m(some)))
+    return Scene(circles, np.empty((0, 4)), ())
 
 
 def clearance(scene: Scene, points_m: Floats) -> Floats:

@@ -1,8 +1,9 @@
 """Lidars that fail: true scans in, what the robots are shown out.
 
-    bias -> noise -> dropout -> nan -> stuck      whichever began first
+    declared noise (world.disturbance) -> bias -> noise -> dropout -> nan -> stuck
 
-A stuck lidar repeats what it showed, so it comes last. Poses and twists stay true.
+whichever began first. A stuck lidar repeats what it showed, so it comes last. No fault touches
+poses and twists.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ import numpy as np
 from swarm.faults import Bias, Dropout, Nan, Noise, SensorFault, SensorStuck
 from swarm.geometry import Floats, Ranges
 from swarm.messages import Array
+from swarm.scenario import DEVIATES_MAX
 from world import faults
 from world.faults import Active
 
 ORDER = (Bias, Noise, Dropout, Nan, SensorStuck)
-DEVIATES_MAX = 3.0  # sigma at which noise is cut; one normal draw in 370 lies beyond
 
 
 def disturb(
@@ -68,11 +69,11 @@ def _shown(
     if isinstance(fault, Nan):
         return np.full_like(ranges_m, np.nan)
     if isinstance(fault, Bias):
-        return _off(ranges_m, fault.bias_m, range_m)
+        return off(ranges_m, fault.bias_m, range_m)
     generator = faults.draws(seed, faults.STREAM_LIDARS, active.number, row, tick)
     if isinstance(fault, Noise):
         deviates = generator.standard_normal(len(ranges_m))
-        return _off(
+        return off(
             ranges_m, fault.sigma_m * np.clip(deviates, -DEVIATES_MAX, DEVIATES_MAX), range_m
         )
     assert isinstance(fault, Dropout)
@@ -80,6 +81,6 @@ def _shown(
     return ranges_m
 
 
-def _off(ranges_m: Floats, error_m: float | Floats, range_m: float) -> Floats:
+def off(ranges_m: Floats, error_m: float | Floats, range_m: float) -> Floats:
     """Ranges with an error, those that hit something kept in [0, range_m]."""
     return np.where(np.isfinite(ranges_m), np.clip(ranges_m + error_m, 0.0, range_m), ranges_m)

@@ -2,7 +2,7 @@
 
     commands(k) -> heed -> motors -> motion -> contact -> state(k + 1)     step
                   (faults due at k + 1: relieve, inflict, lose, revive)
-    state(k) -> raycast, lidars, radio -> one SensorFrame per live robot   sense
+    state(k) -> raycast, disturbance, lidars, radio -> one SensorFrame per live robot   sense
     commands that arrive -> hold_back -> commands(k)
     state(k), frames(k), commands(k) -> TickRecord(k)                      record
 
@@ -19,6 +19,7 @@ from math import inf
 import msgspec
 import numpy as np
 
+from swarm import movers
 from swarm.faults import ActuatorStuck, DiskFull, Fault, SensorStuck
 from swarm.geometry import STILL, Floats, Pose, Ranges, Twist, Vec2, length, wrap_angle
 from swarm.messages import (
@@ -31,8 +32,9 @@ from swarm.messages import (
     SensorFrame,
     TickRecord,
 )
+from swarm.movers import Mover
 from swarm.scenario import Obstacle, Scenario
-from world import contact, faults, motion, radio, raycast, scene, sensors
+from world import contact, disturbance, faults, motion, radio, raycast, scene, sensors
 from world.faults import Active, Held
 from world.scene import Scene
 
@@ -44,10 +46,12 @@ class World(msgspec.Struct, frozen=True, eq=False):
 
     scenario: Scenario
     obstacles: tuple[Obstacle, ...]  # given and drawn
-    scene: Scene
+    scene: Scene  # those that stand still
+    movers: tuple[Mover, ...]  # the others
     lidar: raycast.Lidar
     radii_m: Floats  # (robots,)
     rows: dict[str, int]  # name -> row
+    speed_factors: tuple[float, ...]  # (robots,) of the bodies' speeds over those of the wheels
 
 
 class Body(msgspec.Struct, frozen=True, array_like=True):
@@ -62,6 +66,7 @@ class Body(msgspec.Struct, frozen=True, array_like=True):
     command_tick: int = -1  # the tick whose frame that command answers; -1 before the first
     beacon: Beacon | None = None  # of the newest command
     excused: bool = False  # of that touch: a fault of its motors or lidar, or of the other's
+    pending: tuple[Twist, ...] = ()  # set-points on their way to late motors, oldest first
 
 
 class WorldState(msgspec.Struct, frozen=True):
@@ -72,6 +77,7 @@ class WorldState(msgspec.Struct, frozen=True):
     active: tuple[Active, ...] = ()  # faults, in the order in which they began
     history: radio.History = ()  # what was said, while a fault may bring it late or twice
     held: tuple[Held, ...] = ()  # commands of slow robots, in order of arrival
+    fades: bytes = b""  # (robots * robots) for how many ticks each link carries nothing, if so
 
 
 def build(scenario: Scenario) -> World:
@@ -80,13 +86,20 @@ def build(scenario: Scenario) -> World:
     standing = scene.build(obstacles)
     radii_m = np.array([robot.body_radius_m for robot in scenario.robots])
     sensor = scenario.sensor
+    passing = movers.moving(obstacles)
     return World(
         scenario=scenario,
         obstacles=obstacles,
         scene=standing,
-        lidar=raycast.lidar(sensor.beams, sensor.range_m, standing, radii_m),
+        movers=passing,
+        lidar=raycast.lidar(
+            sensor.beams, sensor.range_m, standing, radii_m, movers.radii_m(passing)
+        ),
         radii_m=radii_m,
         rows={robot.name: row for row, robot in enumerate(scenario.robots)},
+        speed_factors=disturbance.speed_factors(
+            scenario.disturbance, len(scenario.robots), seed=scenario.seed
+        ),
     )
 
 
@@ -96,7 +109,7 @@ def init(world: World) -> WorldState:
         Pose(robot.start[0], robot.start[1], wrap_angle(robot.start[2]))
         for robot in world.scenario.robots
     ]
-    clearances_m = _clearances_m(world, _positions_m(poses))
+    clearances_m = _clearances_m(world, _positions_m(poses), 0)
     return WorldState(
         0,
         tuple(
@@ -117,26 +130,44 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
     bodies = _heed(world, state, commands.values())
 
     # Where each body would be, were it alone. A body that has touched something stands for good.
-    set_points = [_in_force(world, state, body) for body in bodies]
+    taken = [_taken(world, state, body) for body in bodies]
+    set_points = [set_point for set_point, _ in taken]
     if state.active:
         set_points = faults.driven(state.active, set_points, [body.alive for body in bodies])
     moved = [
         (body.pose, STILL)
         if body.contact
-        else motion.step(robot, body.pose, body.twist, set_point, dt_s=scenario.dt_s)
-        for robot, body, set_point in zip(scenario.robots, bodies, set_points, strict=True)
+        else motion.step(
+            robot,
+            body.pose,
+            body.twist,
+            set_point,
+            dt_s=scenario.dt_s,
+            speed_factor=factor,
+        )
+        for robot, body, set_point, factor in zip(
+            scenario.robots, bodies, set_points, world.speed_factors, strict=True
+        )
     ]
 
     # Nobody gets further than to what it touches.
     starts_m = _positions_m(body.pose for body in bodies)
     ends_m = _positions_m(pose for pose, _ in moved)
     clearances_m = np.array([body.clearance_m for body in bodies])
-    touches = contact.sweep(world.scene, starts_m, ends_m, world.radii_m, clearances_m)
+    touches = contact.sweep(
+        world.scene, starts_m, ends_m, world.radii_m, clearances_m, _passing(world, state.tick)
+    )
     for row, share in touches.items():
         ends_m[row] = starts_m[row] + share * (ends_m[row] - starts_m[row])
         x_m, y_m = ends_m[row].tolist()
         moved[row] = (Pose(x_m, y_m, moved[row][0].yaw_rad), STILL)
     excused = _excused(world, state, ends_m, touches)
+    cleared_m = _clearances_m(world, ends_m, state.tick + 1)
+    if world.movers:  # they go on over whom they touch
+        cleared_m = [
+            max(0.0, clearance_m) if body.contact or row in touches else clearance_m
+            for row, (body, clearance_m) in enumerate(zip(bodies, cleared_m, strict=True))
+        ]
 
     history = state.history
     if history:
@@ -157,21 +188,29 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
                 body.command_tick,
                 body.beacon,
                 body.excused or (row in excused and not body.contact),
+                pending,
             )
-            for row, (body, (pose, twist), clearance_m) in enumerate(
-                zip(bodies, moved, _clearances_m(world, ends_m), strict=True)
+            for row, (body, (pose, twist), clearance_m, (_, pending)) in enumerate(
+                zip(bodies, moved, cleared_m, taken, strict=True)
             )
         ),
         state.active,
         history,
         state.held,
+        disturbance.fade(
+            scenario.disturbance,
+            state.fades,
+            len(bodies),
+            seed=scenario.seed,
+            tick=state.tick + 1,
+        ),
     )
 
 
 def lose(world: World, state: WorldState, name: str) -> WorldState:
     """World in which a robot's mind is gone: silent, braking to rest, then an obstacle."""
     row = world.rows[name]
-    body = msgspec.structs.replace(state.bodies[row], alive=False, set_point=STILL)
+    body = msgspec.structs.replace(state.bodies[row], alive=False, set_point=STILL, pending=())
     return _with_body(state, row, body)
 
 
@@ -210,7 +249,7 @@ def inflict(
     begun = faults.begin(number, fault, rows, state.tick, dt_s=scenario.dt_s)
     history = state.history
     if isinstance(fault, ActuatorStuck):
-        asked = [_in_force(world, state, body) for body in state.bodies]
+        asked = [_taken(world, state, body)[0] for body in state.bodies]
         taken = faults.stuck(state.active, asked)
         begun = msgspec.structs.replace(begun, set_points=tuple(taken[row] for row in rows))
     elif isinstance(fault, SensorStuck):
@@ -284,9 +323,15 @@ def sense(
             robot=scenario.robots[row].name,
             tick=state.tick,
             stamp_ns=stamp_ns,
-            pose=bodies[row].pose,
-            twist=bodies[row].twist,
-            wheels=motion.wheels(scenario.robots[row], bodies[row].twist),
+            pose=disturbance.pose(
+                scenario.disturbance,
+                bodies[row].pose,
+                row,
+                seed=scenario.seed,
+                tick=state.tick,
+            ),
+            twist=(twist := motion.scaled(bodies[row].twist, 1.0 / world.speed_factors[row])),
+            wheels=motion.wheels(scenario.robots[row], twist),
             contact=bodies[row].contact,
             ranges=Array("<f4", (beams,), scans[number * size : (number + 1) * size]),
             beacons=heard[number],
@@ -360,7 +405,21 @@ def frame_of(
 
 def _scans_m(world: World, state: WorldState, rows: Sequence[int]) -> Ranges:
     """(rows, beams) what the lidars of some robots show."""
-    ranges_m = raycast.cast(world.lidar, [body.pose for body in state.bodies], rows)
+    scenario = world.scenario
+    ranges_m = raycast.cast(
+        world.lidar,
+        [body.pose for body in state.bodies],
+        rows,
+        movers.places_m(world.movers, _time_s(world, state.tick)),
+    )
+    ranges_m = disturbance.scans(
+        scenario.disturbance,
+        ranges_m,
+        rows,
+        range_m=world.lidar.range_m,
+        seed=scenario.seed,
+        tick=state.tick,
+    )
     if not state.active:
         return ranges_m
     return sensors.disturb(
@@ -368,7 +427,7 @@ def _scans_m(world: World, state: WorldState, rows: Sequence[int]) -> Ranges:
         rows,
         state.active,
         range_m=world.lidar.range_m,
-        seed=world.scenario.seed,
+        seed=scenario.seed,
         tick=state.tick,
     )
 
@@ -379,6 +438,9 @@ def _beacons(world: World, state: WorldState, listeners: Sequence[int]) -> list[
     alive = np.array([body.alive for body in bodies])
     positions_m = _positions_m(body.pose for body in bodies)
     heard = radio.audible(scenario.radio.range_m, positions_m, alive)
+    heard = disturbance.carried(
+        scenario.disturbance, heard, state.fades, seed=scenario.seed, tick=state.tick
+    )
     if state.active:
         heard = radio.carried(heard, state.active, seed=scenario.seed, tick=state.tick)
     if state.history:
@@ -439,6 +501,7 @@ def _heed(world: World, state: WorldState, commands: Iterable[Command]) -> tuple
                 command.tick,
                 command.beacon,
                 body.excused,
+                body.pending,
             )
     return tuple(bodies)
 
@@ -450,17 +513,44 @@ def _in_force(world: World, state: WorldState, body: Body) -> Twist:
     return body.set_point
 
 
+def _taken(world: World, state: WorldState, body: Body) -> tuple[Twist, tuple[Twist, ...]]:
+    """Set-point that the motors take in this tick, and those on their way; the dead just brake."""
+    if not body.alive:
+        return STILL, ()
+    asked = _in_force(world, state, body)
+    return disturbance.late(world.scenario.disturbance, body.pending, asked)
+
+
 def _positions_m(poses: Iterable[Pose]) -> Floats:
     """(robots, 2) world frame."""
     return np.array([(pose.x_m, pose.y_m) for pose in poses])
 
 
-def _clearances_m(world: World, positions_m: Floats) -> list[float]:
+def _clearances_m(world: World, positions_m: Floats, tick: int) -> list[float]:
     """(robots,) from each body's surface to the nearest obstacle's, inf without obstacles."""
     if not world.obstacles:
         return [inf] * len(positions_m)
-    clearances_m: list[float] = (scene.clearance(world.scene, positions_m) - world.radii_m).tolist()
+    nearest_m = scene.clearance(world.scene, positions_m)
+    if world.movers:
+        passing = scene.at(world.movers, _time_s(world, tick))
+        nearest_m = np.minimum(nearest_m, scene.clearance(passing, positions_m))
+    clearances_m: list[float] = (nearest_m - world.radii_m).tolist()
     return clearances_m
+
+
+def _passing(world: World, tick: int) -> contact.Passing | None:
+    """What moves, from this tick to the next."""
+    if not world.movers:
+        return None
+    return contact.Passing(
+        movers.places_m(world.movers, _time_s(world, tick)),
+        movers.places_m(world.movers, _time_s(world, tick + 1)),
+        movers.radii_m(world.movers),
+    )
+
+
+def _time_s(world: World, tick: int) -> float:
+    return tick * world.scenario.dt_s
 
 
 def _frame_record(world: World, frame: SensorFrame) -> FrameRecord:

@@ -52,7 +52,8 @@ name = "robot{number}"
 start = [{x_m:.3f}, {y_m:.3f}, 0.0]
 """
 FOOT = """
-# What is in the way: circles [x, y, radius], or polygons [[x, y], ...].
+# What is in the way: circles [x, y, radius], or polygons [[x, y], ...]. A circle moves with
+# `path = [[8.0, 3.0]]` and `speed_mps = 0.5`: there and back again.
 [[obstacles]]
 circle = [{circle_x_m:.1f}, 0.4, 0.5]
 
@@ -61,6 +62,10 @@ circle = [{circle_x_m:.1f}, 0.4, 0.5]
 # kind = "kill"
 # target = "robot{last}"
 # at_s = 8.0
+
+# Uncomment, and robots bear what no simulator spares them; see world/README.md.
+# [disturbance]
+# range_sigma_m = 0.01
 
 # What the run must reach; `swarm run` exits with 1 when it does not.
 [expect]

@@ -33,6 +33,7 @@ REASONS = {
     "motors": "its motors do not do what it orders",
     "enclosed": "it went round all that is between it and its goal, both ways",
     "too-long": "it tried for too long",
+    "blocked": "its way is closed, from where it is",
     "leader": "its leader has given up",
 }
 TERMS = {
@@ -137,6 +138,11 @@ def side(bearing_rad: float) -> str:
 
 def _sight(found: Why) -> list[str]:
     lines = []
+    lines += [
+        f"  an obstacle that moves ({one.speed_mps:g} m/s) {one.gap_m:.2f} m from its body, "
+        f"{side(one.bearing_rad)}"
+        for one in found.passing
+    ]
     if found.blind_beams:
         lines.append(f"  {found.blind_beams} beams of its lidar showed no number at all")
     if not found.sectors_m:

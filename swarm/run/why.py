@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from swarm import errors, geometry, recording, scenario
+from swarm import errors, geometry, movers, recording, scenario
 from swarm.geometry import Pose, Twist, Vec2
 from swarm.messages import Beacon, Command, Event, FrameRecord, Leadership, Slot, TickRecord
 from swarm.run.replay import Beacons, history_ticks, misfit
@@ -76,6 +76,16 @@ class Heard(msgspec.Struct, frozen=True):
     yields_to: str | None
 
 
+class Passing(msgspec.Struct, frozen=True):
+    """An obstacle that moved, as it truly was."""
+
+    centre: Vec2  # world frame
+    radius_m: float
+    speed_mps: float
+    gap_m: float  # between its surface and the body's
+    bearing_rad: float
+
+
 class Around(msgspec.Struct, frozen=True):
     """Something that happened about then."""
 
@@ -102,6 +112,7 @@ class Why(msgspec.Struct, frozen=True, kw_only=True):
     sectors_m: tuple[float, ...]  # (sectors,) rear over right, ahead and left; inf where free
     occupied: tuple[Sector, ...]
     nearest: Sector | None
+    passing: tuple[Passing, ...]  # within reach of its lidar, nearest first
     blind_beams: int  # of its lidar that showed no number
     arcs: tuple[Arc, ...]
     # What it made of it; all empty when it gave no answer.
@@ -273,6 +284,7 @@ def _why(plan: Scenario, moment: _Moment, frame: FrameRecord, name: str) -> Why:
         sectors_m=sectors_m,
         occupied=occupied,
         nearest=min(occupied, key=lambda one: one.range_m, default=None),
+        passing=_passing(plan, record, frame.row),
         blind_beams=int((frame.ranges.numpy() != frame.ranges.numpy()).sum()),
         arcs=()
         if trace is None
@@ -317,6 +329,25 @@ def _why(plan: Scenario, moment: _Moment, frame: FrameRecord, name: str) -> Why:
             for one in moment.events
         ),
     )
+
+
+def _passing(plan: Scenario, record: TickRecord, row: int) -> tuple[Passing, ...]:
+    pose, radius_m = record.robots[row].pose, plan.robots[row].body_radius_m
+    found = []
+    for mover in movers.moving(plan.obstacles):
+        centre = movers.place(mover, record.tick * plan.dt_s)
+        distance_m = geometry.length(centre[0] - pose.x_m, centre[1] - pose.y_m)
+        if distance_m - mover.radius_m <= plan.sensor.range_m:
+            found.append(
+                Passing(
+                    centre,
+                    mover.radius_m,
+                    mover.speed_mps,
+                    distance_m - mover.radius_m - radius_m,
+                    _bearing(pose, centre),
+                )
+            )
+    return tuple(sorted(found, key=lambda one: one.gap_m))
 
 
 def _heard(

@@ -10,6 +10,7 @@ import os
 import re
 import signal
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -20,16 +21,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tests.run.processes as commands
-from swarm import errors, metrics, scenario
+from swarm import errors, metrics, movers, scenario
 from swarm.run import lockstep, sharing
 from swarm.run.bench import navigation
 from swarm.run.bench.navigation import (
     cases,
     course,
+    disturbed,
     encounters,
+    moving,
     obstacles,
     peers,
     rows,
+    stops,
     table,
 )
 from swarm.run.bench.navigation import data as public
@@ -39,7 +43,10 @@ from swarm.scenario import Scenario
 from world import scene, simulation
 
 END_S = 30.0
-EVERY = (*encounters.groups(), *obstacles.groups())
+FAMILIES = (*navigation.FAMILIES, *(name for some in navigation.VARIANTS.values() for name in some))
+RUNS_TINY = len(FAMILIES) * len(navigation.CONTROLLERS)
+PLAIN = (*encounters.groups(), *obstacles.groups(), *moving.groups())
+EVERY = (*PLAIN, *disturbed.groups(PLAIN), *stops.groups(PLAIN))
 
 BARN = {
     "cylinder_radius_m": 0.075,
@@ -75,13 +82,13 @@ def test_bench_navigation_shows_every_family_and_its_worst_runs_when_tiny(folder
     assert result.returncode == 0, result.stderr
     found = msgspec.json.decode(result.stdout, type=rows.Navigation, strict=True)
     assert [row.family for row in found.rows] == [
-        family for family in navigation.FAMILIES for _ in navigation.CONTROLLERS
+        family for family in FAMILIES for _ in navigation.CONTROLLERS
     ]
-    assert len(found.runs) == len(found.rows) == 33
+    assert len(found.runs) == len(found.rows) == RUNS_TINY
     assert found.skipped == ()
     assert all(row.runs == 1 and row.met is None for row in found.rows)
     assert all(row.step_us is not None and row.step_us > 0.0 for row in found.rows)
-    assert len(found.worst) == 22
+    assert len(found.worst) == RUNS_TINY
     # what the command shows is that very run
     shown = found.worst[0]
     verb, path = shown.command.split()[:3:2]
@@ -94,7 +101,10 @@ def test_bench_navigation_shows_every_family_and_its_worst_runs_when_tiny(folder
 def test_bench_navigation_says_what_it_skips_when_data_is_absent(tmp_path: Path) -> None:
     plan = navigation.plan(folder=tmp_path, tiny=True)
     assert [line.split(":")[0] for line in plan.skipped] == ["barn", "collision-avoidance"]
-    assert {group.family for group in plan.groups} == {*navigation.FAMILIES[:-2]}
+    from_data = ("barn", "collision-avoidance")
+    assert {group.family for group in plan.groups} == {
+        family for family in FAMILIES if not family.startswith(from_data)
+    }
     assert navigation.plan(folder=tmp_path, families="pairs").skipped == ()
 
 
@@ -143,6 +153,32 @@ def test_bench_navigation_leaves_no_process_when_it_is_ended(
         assert "Traceback" not in said
 
 
+@pytest.mark.parametrize("as_json", [False, True])
+def test_bench_navigation_shows_what_is_done_when_it_is_interrupted(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    as_json: bool,
+) -> None:
+    def interrupted(
+        work: object, jobs: Iterator[Job], workers: int, name: str
+    ) -> Iterator[sharing.Done[Job, Run]]:
+        yield sharing.Done(next(jobs), _run(0, "timeout", family="door", size="1.0m"))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sharing, "share", interrupted)
+    line = (
+        f"bench navigation --families door --seeds 0-2 --controllers paper --out {tmp_path / 'x'}"
+    )
+    result = commands.here(monkeypatch, capsys, tmp_path, line + " --json" * as_json)
+    assert result.returncode == 130
+    if as_json:
+        found = msgspec.json.decode(result.stdout, type=rows.Navigation, strict=True)
+        assert (found.partial, found.planned, len(found.runs), len(found.rows)) == (True, 3, 1, 1)
+    else:
+        assert "PARTIAL: interrupted after 1 of 3 runs" in result.stdout
+
+
 # --- what is asked for --------------------------------------------------------------------------
 
 
@@ -161,10 +197,32 @@ def test_plan_has_the_full_sizes_when_nothing_is_asked(folder: Path) -> None:
         "paper-fields": 300,
         "paper-u": 30,
         "paper-walls": 30,
+        "moving": 300,
         "barn": 2,
         "collision-avoidance": 1,
     }
-    assert plan.count == 3 * counts.total()
+    assert plan.count == len(navigation.CONTROLLERS) * counts.total()
+
+
+def test_plan_takes_only_the_sizes_asked_for(folder: Path) -> None:
+    plan = navigation.plan(folder=folder, families="random,circle-swap", sizes="50x16m2,4")
+    assert [(group.family, group.size) for group in plan.groups] == [
+        ("circle-swap", "4"),
+        ("random", "50x16m2"),
+    ]
+    with pytest.raises(errors.UsageError, match=r"--sizes: expected some of 2, 4, .*'5'"):
+        navigation.plan(folder=folder, families="circle-swap", sizes="5")
+
+
+def test_plan_takes_all_families_of_a_kind_by_its_word_and_never_unasked(folder: Path) -> None:
+    plan = navigation.plan(folder=folder, families="bursts,door", sizes="16,1.0m", seeds="3")
+    assert [(group.family, group.size) for group in plan.groups] == [
+        ("door", "1.0m"),
+        ("circle-swap-bursts", "16"),
+        ("door-bursts", "1.0m"),
+    ]
+    families = {group.family for group in navigation.plan(folder=folder).groups}
+    assert families == set(navigation.FAMILIES)
 
 
 def test_plan_takes_seeds_beyond_a_list_only_where_instances_are_drawn(folder: Path) -> None:
@@ -243,6 +301,26 @@ def test_gate_lets_one_body_through_and_nobody_round() -> None:
         assert scene.clearance(standing, centre)[0] == pytest.approx(width_m / 2.0)
         around_m = 2.0 * (encounters.WALL_REACH_M - encounters.PLATOON_ASIDE_M)
         assert around_m > plan.duration_s * plan.robots[0].speed_mps_max
+
+
+@pytest.mark.parametrize("count", moving.SIZES)
+def test_what_moves_keeps_clear_of_what_stands_and_of_start_and_goal(count: int) -> None:
+    plan = moving.field(count, 3).scenario
+    every = scene.obstacles(plan)
+    standing = scene.build(every)
+    assert len(standing.circles) == count
+    assert standing.circles.tolist() == (
+        scene.build(scene.obstacles(obstacles.paper_field(count, 3).scenario)).circles.tolist()
+    )
+    some = movers.moving(every)
+    assert len(some) == 12
+    (robot,) = plan.robots
+    ends_m = np.array([robot.start[:2], robot.goal])
+    for time_s in np.arange(0.0, 30.0, 0.2).tolist():
+        places_m = movers.places_m(some, time_s)
+        assert scene.clearance(standing, places_m).min() >= 0.25 + 0.6 - 1e-9
+        assert scene.clearance(scene.at(some, time_s), ends_m).min() >= 1.5 - 1e-9
+    assert all(0.3 <= mover.speed_mps <= 1.0 for mover in some)
 
 
 def test_public_cases_keep_the_benchmarks_own_rules(folder: Path) -> None:
@@ -485,6 +563,19 @@ def test_table_shows_ours_and_the_peers_and_what_falls_short(
     assert "100 % NOT MET" in said
     assert "short of what is expected: traps u" in said
     assert "not one to one" in said
+
+
+@pytest.mark.parametrize("group", disturbed.groups(PLAIN[:1]), ids=lambda group: group.family)
+def test_disturbed_instances_are_the_plain_ones_with_a_disturbance(group: Group) -> None:
+    plain, case = PLAIN[0].make(3), group.make(3)
+    assert (case.bounds_s, case.dues_s) == (plain.bounds_s, plain.dues_s)
+    assert case.scenario.robots == plain.scenario.robots
+    declared = case.scenario.disturbance
+    assert (declared.latency_ticks, declared.loss_probability) == (1, 0.2)
+    assert declared.range_error_m_max == pytest.approx(0.03)
+    assert declared.loss_ticks_max == (5 if group.family.endswith("bursts") else 0)
+    plan = cases.under(cases.shortened(case, 2.0), "extended")
+    assert course.drive(plan).score.hash.digest() == lockstep.run(plan).score.hash.digest()
 
 
 def test_scenario_of_a_case_survives_its_file() -> None:

@@ -15,7 +15,7 @@ from matplotlib.patches import Circle
 from dashboards import drawing, figures, stage, tracks
 from dashboards.tracks import Tracks
 from swarm.messages import TickRecord
-from swarm.scenario import Scenario
+from swarm.scenario import Obstacle, Scenario
 
 MadeTicks = Callable[..., tuple[TickRecord, ...]]
 MadeScenario = Callable[[int], Scenario]
@@ -137,3 +137,16 @@ def test_bars_show_each_state_as_long_as_it_lasted(drawn: dict[str, Figure]) -> 
     assert spans == [
         pytest.approx(one) for one in [(0.0, 1.6), (1.6, 3.2), (4.8, 1.6), (6.4, 3.12)]
     ]
+
+
+def test_obstacles_that_move_are_rings_at_the_ticks_of_the_bodies(path: Tracks) -> None:
+    mover = Obstacle(circle=(1.0, 4.0, 0.25), path=((1.0, 9.0),), speed_mps=0.5)
+    moving = msgspec.structs.replace(path, obstacles=(*path.obstacles, mover))
+    figure = figures.trajectories(moving)
+    (axes,) = (axes for axes in figure.axes if axes.get_aspect() == 1.0)
+    rings = [one for one in axes.patches if isinstance(one, Circle) and not one.get_fill()]
+    ticks = [*drawing.moments(moving, drawing.equal_step_s(moving)), len(path.times_s) - 1]
+    assert [ring.center for ring in rings] == [
+        pytest.approx((1.0, 4.0 + 0.5 * path.times_s[tick])) for tick in ticks
+    ]
+    assert {ring.radius for ring in rings} == {0.25}

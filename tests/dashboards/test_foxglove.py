@@ -14,7 +14,7 @@ import pytest
 from dashboards import foxglove, stage
 from swarm import geometry, messages, recording
 from swarm.messages import TickRecord
-from swarm.scenario import Scenario
+from swarm.scenario import Obstacle, Scenario
 
 MakeTicks = Callable[..., tuple[TickRecord, ...]]
 MakeScenario = Callable[[int], Scenario]
@@ -215,3 +215,20 @@ def test_every_channel_is_in_the_file_with_the_schema_of_foxglove(
     for one in channels:
         assert one.schema_name.startswith("foxglove.")
         assert one.schema_data == getattr(fm, one.schema_name[9:]).get_schema().data
+
+
+def test_what_moves_has_a_channel_of_its_own(
+    made_ticks: MakeTicks, made_scenario: MakeScenario
+) -> None:
+    mover = Obstacle(circle=(1.0, 4.0, 0.25), path=((1.0, 9.0),), speed_mps=0.5)
+    scenario = made_scenario(2)
+    standing = channel(scenario, "/obstacles").encode(made_ticks(2, 1)[0])
+    scenario = msgspec.structs.replace(scenario, obstacles=(*scenario.obstacles, mover))
+    assert channel(scenario, "/obstacles").encode(made_ticks(2, 1)[0]) == standing
+    for tick, record in enumerate(made_ticks(2, 4)):
+        encoded = channel(scenario, "/movers").encode(record)
+        assert encoded is not None
+        data = encoded[-16 * 16 :]  # a rim of 16 points, four float32 each
+        points = np.frombuffer(data, "<f4").reshape(-1, 4)[:, :2]
+        off_m = points - np.array([1.0, 4.0 + 0.5 * 0.08 * tick])
+        assert np.sqrt((off_m**2).sum(axis=1)) == pytest.approx(np.full(16, 0.25), abs=1e-5)

@@ -10,7 +10,7 @@ from pathlib import Path
 from rerun.chunk import RrdReader
 
 from dashboards import foxglove, layouts, stage
-from swarm.scenario import Scenario
+from swarm.scenario import Obstacle, Scenario
 
 ID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 RENEW = "renew it by: python -m dashboards.layouts"
@@ -39,13 +39,16 @@ def test_layout_of_foxglove_is_that_of_the_code() -> None:
     assert layouts.FOXGLOVE.read_bytes() == layouts.foxglove_layout(), RENEW
 
 
+MOVING = Obstacle(circle=(3.0, 2.0, 0.25), path=((5.0, 2.0),), speed_mps=1.0)
+
+
 def test_layout_of_foxglove_shows_channels_that_there_are(
     made_scenario: Callable[[int], Scenario],
 ) -> None:
     layout = json.loads(layouts.foxglove_layout())
     panels = layout["configById"]
     assert {layout["layout"]["first"], layout["layout"]["second"]} == set(panels)
-    topics = {one.topic for one in foxglove.channels(made_scenario(2), ())}
+    topics = {one.topic for one in foxglove.channels(made_scenario(2), (MOVING,))}
     shown = {*panels[layouts.SCENE]["topics"], panels[layouts.EVENTS]["topicToRender"]}
     assert shown == topics - {"/tf"}  # transforms are always shown
     colour = "#" + bytes(stage.BACKGROUND).hex()

@@ -15,7 +15,7 @@ from dashboards import batches, plots, stage, states, views
 from swarm import faults, geometry, messages, metrics
 from swarm.faults import ProcessFault
 from swarm.messages import Event, TickRecord
-from swarm.scenario import Scenario
+from swarm.scenario import Obstacle, Scenario
 
 MakeTicks = Callable[..., tuple[TickRecord, ...]]
 MakeScenario = Callable[[int], Scenario]
@@ -559,3 +559,22 @@ def test_scene_without_obstacles_and_goals_can_be_drawn(made_scenario: MakeScena
     statics = stage.statics(scenario, ())
     assert statics["world/obstacles"] == []
     assert isinstance(statics["world"][0], rr.Transform3D)
+
+
+def test_what_moves_is_one_entity_and_drawn_where_it_is_at_every_tick(
+    made_ticks: MakeTicks, made_scenario: MakeScenario
+) -> None:
+    still = made_scenario(3)
+    assert "world/movers" not in draw(still, made_ticks(3, 4))
+    assert "world/movers" not in stage.statics(still, still.obstacles)
+    some = tuple(
+        Obstacle(circle=(x_m, 4.0, 0.25), path=((x_m, 9.0),), speed_mps=0.5) for x_m in (1.0, 2.0)
+    )
+    scenario = msgspec.structs.replace(still, obstacles=(*still.obstacles, *some))
+    drawn = draw(scenario, made_ticks(3, 4))["world/movers"]
+    for tick, points in enumerate(component(drawn, "Points2D:positions")):
+        y_m = 4.0 + 0.5 * 0.08 * tick
+        assert points.tolist() == [pytest.approx([1.0, y_m]), pytest.approx([2.0, y_m])]
+    static = stage.statics(scenario, scenario.obstacles)
+    assert "world/movers" in static
+    assert stage.bounds(scenario, scenario.obstacles)[3] >= 9.25

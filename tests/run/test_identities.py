@@ -34,9 +34,9 @@ def burning() -> Iterator[None]:
         burner.wait()
 
 
-def run(folder: Path, name: str, out: str, *arguments: str) -> str:
+def run(folder: Path, name: str, out: str, *arguments: str, succeeds: bool = True) -> str:
     done = processes.swarm(folder, "run", name, "--out", out, "--json", "-q", *arguments)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 0 or not succeeds, done.stderr
     return str(json.loads(done.stdout)["state_hash"])
 
 
@@ -49,10 +49,28 @@ def test_identities_hold_among_random_obstacles(folder: Path) -> None:
     check_identities(folder, "random-field")
 
 
-def check_identities(folder: Path, name: str) -> None:
-    first = run(folder, name, "first")
-    assert run(folder, name, "second") == first
-    assert run(folder, name, "memory", "--bus", "memory") == first
+DISTURBANCE = (
+    *("range_sigma_m=0.01", "position_sigma_m=0.005", "yaw_sigma_rad=0.005"),
+    *("latency_ticks=1", "speed_error=0.02", "loss_probability=0.2", "loss_ticks_max=5"),
+)
+
+
+def test_identities_hold_under_declared_disturbances(folder: Path) -> None:
+    settings = [part for text in DISTURBANCE for part in ("--set", f"disturbance.{text}")]
+    check_identities(folder, "two-obstacles", "--duration", "8", *settings, succeeds=False)
+
+
+def test_identities_hold_among_obstacles_that_move(folder: Path) -> None:
+    moving = ("obstacles.0.path=[[7.0, 9.0]]", "obstacles.0.speed_mps=0.3")
+    settings = [part for text in moving for part in ("--set", text)]
+    check_identities(folder, "two-obstacles", "--duration", "8", *settings, succeeds=False)
+
+
+def check_identities(folder: Path, name: str, *arguments: str, succeeds: bool = True) -> None:
+    first = run(folder, name, "first", *arguments, succeeds=succeeds)
+    assert run(folder, name, "second", *arguments, succeeds=succeeds) == first
+    memory = run(folder, name, "memory", "--bus", "memory", *arguments, succeeds=succeeds)
+    assert memory == first
     for out in ("first", "memory"):
         found = replay.replay(folder / out / "run.mcap")
         assert found.ok

@@ -110,6 +110,17 @@ FAULTS = [
 ]
 
 
+def test_replay_is_equal_under_declared_disturbances(tmp_path: Path) -> None:
+    found = replayed(
+        tmp_path,
+        lambda swarm, tick: None,
+        *("disturbance.range_sigma_m=0.01", "disturbance.position_sigma_m=0.01"),
+        *("disturbance.yaw_sigma_rad=0.0087", "disturbance.latency_ticks=1"),
+        *("disturbance.speed_error=0.05", "disturbance.loss_probability=0.2"),
+    )
+    assert (found.difference, found.missing, found.ok) == (None, None, True)
+
+
 @pytest.mark.parametrize("spec", FAULTS)
 def test_replay_is_equal_under_a_fault(tmp_path: Path, spec: str) -> None:
     def befall(swarm: Swarm, tick: int) -> None:

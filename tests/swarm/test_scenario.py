@@ -66,6 +66,20 @@ def decoded(text: str, **changes: object) -> Scenario:
             "'burn'",
         ),
         (HEAD + A + "[clock]\ncommand_ttl = 0\n", "clock.command_ttl", ">= 1", "0"),
+        (HEAD + A + "[disturbance]\nlatency_ticks = 5\n", "disturbance.latency_ticks", "<= 4", "5"),
+        (HEAD + A + "[disturbance]\nnoise = 1.0\n", "disturbance", "keys range_sigma_m", "'noise'"),
+        (
+            HEAD + A + "[disturbance]\nloss_probability = 0.8\nloss_ticks_max = 5\n",
+            "disturbance",
+            r"<= 0\.75",
+            r"0\.8",
+        ),
+        (
+            HEAD + A + "[[obstacles]]\ncircle = [9.0, 0.0, 1.0]\npath = [[9.0, 3.0]]\n",
+            r"obstacles\[0\]",
+            "path and speed_mps together",
+            "one of them",
+        ),
         (
             HEAD + A + "[random_obstacles]\ncount = 1\narea = [5.0, 0.0, 1.0, 9.0]\n",
             "random_obstacles",

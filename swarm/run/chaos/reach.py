@@ -23,13 +23,19 @@ AROUND_M = 6.0  # how far beyond everything it may go round
 
 
 def can_arrive(
-    scenario: Scenario, robots: Sequence[RobotRecord], row: int, target: Vec2 | None
+    scenario: Scenario,
+    robots: Sequence[RobotRecord],
+    row: int,
+    target: Vec2 | None,
+    *,
+    margin_m: float = MARGIN_M,
 ) -> bool:
     """Whether a robot that has not arrived is to blame for it.
 
     Args:
         robots: at the end of the run.
         target: where it should be, None when nobody has told it.
+        margin_m: that it keeps from what it passes.
     """
     here = robots[row]
     if target is None:
@@ -68,7 +74,7 @@ def can_arrive(
         return round((point[0] - low[0]) / CELL_M), round((point[1] - low[1]) / CELL_M)
 
     begin, end = cell((here.pose.x_m, here.pose.y_m)), cell(target)
-    free = room_m >= MARGIN_M
+    free = room_m >= margin_m
     for place, need_m in ((begin, 0.0), (end, FREE_M)):  # both may be near to something
         around = np.s_[max(0, place[0] - 5) : place[0] + 6, max(0, place[1] - 5) : place[1] + 6]
         free[around] |= room_m[around] >= need_m

@@ -23,7 +23,14 @@ def bench(
         bool, Option("--tiny", help="Smallest sizes, to see that all of it runs.")
     ] = False,
     families: Annotated[
-        str | None, Option(metavar="A,B", help="navigation: which families of runs.")
+        str | None,
+        Option(
+            metavar="A,B",
+            help="navigation: which families; all of a kind: disturbed, bursts, dead, half-dead.",
+        ),
+    ] = None,
+    sizes: Annotated[
+        str | None, Option(metavar="A,B", help="navigation: which sizes of them: 50x16m2,16.")
     ] = None,
     controllers: Annotated[
         str | None, Option(metavar="A,B", help="navigation: some of paper, extended, navigator.")
@@ -41,19 +48,23 @@ def bench(
 ) -> None:
     """Measure what a swarm costs, as ratios within one run; or how well it finds its way.
 
-    `navigation` is asked for by name: its full size takes hours. It fails only when a run crashes.
+    `navigation` is asked for by name: its full size takes hours. It fails only when a run crashes;
+    Ctrl-C ends it early with the figures of what is done by then (exit code 130).
 
     Example:  swarm bench barrier step
 
     Example:  swarm bench navigation --families pairs,traps
+
+    Example:  swarm bench navigation --families disturbed --sizes 16,0.215m --seeds 0-9
     """
     from swarm.run import bench as benchmarks
 
     if names == [benchmarks.NAVIGATION]:
-        _bench_navigation(families, controllers, seeds, data, out, tiny, as_json)
+        _bench_navigation(families, sizes, controllers, seeds, data, out, tiny, as_json)
         return
     for flag, value in (
         ("--families", families),
+        ("--sizes", sizes),
         ("--controllers", controllers),
         ("--seeds", seeds),
         ("--data", data),
@@ -75,6 +86,7 @@ def bench(
 
 def _bench_navigation(
     families: str | None,
+    sizes: str | None,
     controllers: str | None,
     seeds: str | None,
     data: Path | None,
@@ -88,7 +100,12 @@ def _bench_navigation(
 
     folder = navigation.DATA if data is None else data
     plan = navigation.plan(
-        families=families, controllers=controllers, seeds=seeds, folder=folder, tiny=tiny
+        families=families,
+        sizes=sizes,
+        controllers=controllers,
+        seeds=seeds,
+        folder=folder,
+        tiny=tiny,
     )
     with Bar(benchmarks.NAVIGATION) as bar:
         found = navigation.measure(plan, out, bar.advance)
@@ -96,6 +113,8 @@ def _bench_navigation(
         options.print_json(found)
     else:
         table.show(found)
+    if found.partial:
+        raise typer.Exit(130)
     if found.crashed:
         raise typer.Exit(1)
 

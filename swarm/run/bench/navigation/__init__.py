@@ -6,13 +6,17 @@ Group --make--> Case --course, by processes that share--> Run --rows--> table | 
 cases       a scenario and the times it is measured against
 encounters  families of several robots
 obstacles   families of one robot
+moving      a family of one robot among what moves
 data        families from public benchmark data, when it is there
+disturbed   families again, with noise, latency, speed errors, lost messages
+stops       families again, with a robot that stops for good
 course      one run in memory, and what it came to
 rows        figures of all runs of a group, the worst runs
 peers       what others reached
 table       the figures for people
 
 A measurement, not a threshold: whatever the figures are, it has failed only when a run crashed.
+Ctrl-C ends it early, and what is done by then is shown.
 """
 
 from __future__ import annotations
@@ -36,8 +40,11 @@ from swarm.run.bench.navigation import (
     cases,
     course,
     data,
+    disturbed,
     encounters,
+    moving,
     obstacles,
+    stops,
 )
 from swarm.run.bench.navigation import rows as results
 from swarm.run.bench.navigation.cases import Case, Controller, Group
@@ -47,14 +54,23 @@ from swarm.run.bench.navigation.rows import Navigation, Worst
 CONTROLLERS: tuple[Controller, ...] = get_args(Controller)
 FAMILIES = (
     *("circle-swap", "pairs", "random", "door", "corridor"),
-    *("traps", "paper-fields", "paper-u", "paper-walls"),
+    *("traps", "paper-fields", "paper-u", "paper-walls", "moving"),
     *("barn", "collision-avoidance"),
 )
+# Families again, under something; named by the word at their end all at once. By name only: all of
+# them would take days.
+VARIANTS: dict[str, tuple[str, ...]] = {
+    ending: tuple(f"{family}-{ending}" for family in FAMILIES if family in families)
+    for ending, families in (
+        *((ending, families) for ending, (_, families) in disturbed.VARIANTS.items()),
+        *((ending, tuple(stops.SHARES)) for ending in stops.KINDS),
+    )
+}
 DATA = Path("../shared/data")  # where the benchmark data is looked for
 SEED_MAX = 1_000_000
 TINY_DURATION_S = 12.0  # a pair changes places in 11 s
 
-__all__ = ["CONTROLLERS", "DATA", "FAMILIES", "Navigation", "Plan", "measure", "plan"]
+__all__ = ["CONTROLLERS", "DATA", "FAMILIES", "VARIANTS", "Navigation", "Plan", "measure", "plan"]
 
 Advance = Callable[[int, int, str], None]  # runs done, runs in all, the newest
 
@@ -90,6 +106,7 @@ class Plan(msgspec.Struct, frozen=True):
 def plan(
     *,
     families: str | None = None,
+    sizes: str | None = None,
     controllers: str | None = None,
     seeds: str | None = None,
     folder: Path = DATA,
@@ -99,11 +116,15 @@ def plan(
 
     Raises UsageError for an unknown name, a range that is none, a damaged data file.
     """
-    wanted = _chosen("--families", families, FAMILIES)
+    wanted = _families(families, tiny=tiny)
     minds = _chosen("--controllers", controllers, CONTROLLERS)
     from_data, skipped = data.groups(folder)
-    every = (*encounters.groups(), *obstacles.groups(), *from_data)
+    every = (*encounters.groups(), *obstacles.groups(), *moving.groups(), *from_data)
+    every = (*every, *disturbed.groups(every), *stops.groups(every))
     groups = [group for group in every if group.family in wanted]
+    if sizes is not None:
+        kept = _chosen("--sizes", sizes, tuple(dict.fromkeys(group.size for group in groups)))
+        groups = [group for group in groups if group.size in kept]
     if tiny:
         firsts: dict[str, Group] = {}
         for group in groups:
@@ -123,12 +144,16 @@ def plan(
         numbers=numbers,
         controllers=tuple(mind for mind in CONTROLLERS if mind in minds),
         tiny=tiny,
-        skipped=tuple(line for line in skipped if line.split(":")[0] in wanted),
+        skipped=tuple(
+            line for line in skipped if any(name.startswith(line.split(":")[0]) for name in wanted)
+        ),
     )
 
 
 def measure(plan: Plan, out: Path | None, advance: Advance) -> Navigation:
     """Make all runs on all cores; the scenarios of the worst are written to a folder.
+
+    After Ctrl-C what comes back is partial: of the runs that had ended.
 
     Raises UsageError when the folder cannot be written.
     """
@@ -136,6 +161,7 @@ def measure(plan: Plan, out: Path | None, advance: Advance) -> Navigation:
     begun_s = time.monotonic()
     order = {(group.family, group.size): place for place, group in enumerate(plan.groups)}
     found: list[Run] = []
+    partial = False
     workers = min(os.cpu_count() or 1, max(1, plan.count))
     shared = sharing.share(course.run, plan.jobs(), workers, "bench")
     try:
@@ -144,6 +170,8 @@ def measure(plan: Plan, out: Path | None, advance: Advance) -> Navigation:
             found.append(run)
             said = f"{run.family} {run.size} {run.number} {run.controller}: {run.outcome}"
             advance(len(found), plan.count, said)
+    except KeyboardInterrupt:  # a second one, while the workers end, is let through
+        partial = True
     finally:
         shared.close()
     found.sort(key=lambda run: (order[run.family, run.size], run.controller, run.number))
@@ -152,6 +180,8 @@ def measure(plan: Plan, out: Path | None, advance: Advance) -> Navigation:
         machine=machine,
         versions=figures.versions(),
         tiny=plan.tiny,
+        partial=partial,
+        planned=plan.count,
         rows=table,
         peers=results.beside(table),
         worst=_written(plan, results.worst(found), out),
@@ -215,6 +245,15 @@ def _range(text: str) -> range:
             f"got '{text}'"
         )
     return range(first, last + 1)
+
+
+def _families(text: str | None, *, tiny: bool) -> tuple[str, ...]:
+    """Families by name, or by the word at the end of their names; tiny, all there are."""
+    every = (*FAMILIES, *(name for names in VARIANTS.values() for name in names))
+    if text is None:
+        return every if tiny else FAMILIES
+    asked = _chosen("--families", text, (*every, *VARIANTS))
+    return tuple(name for part in asked for name in VARIANTS.get(part, (part,)))
 
 
 def _chosen(flag: str, text: str | None, known: tuple[str, ...]) -> tuple[str, ...]:

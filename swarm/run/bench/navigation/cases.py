@@ -43,6 +43,11 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     scored: bool = False  # by the rule of BARN
 
     @property
+    def stops(self) -> bool:
+        """Whether a robot stops for good on its way."""
+        return bool(self.scenario.faults)
+
+    @property
     def name(self) -> str:
         """Of files and rows: family, size and number."""
         return f"{self.family}-{self.size}-{self.number}"

@@ -1,22 +1,26 @@
 """One run in memory, without a bus, and what it came to.
 
-Job --drive--> Score, CPU --judge--> Run
+Job --drive--> Score, CPU, who said that it is blocked --judge--> Run
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Literal
 
 import msgspec
 
 from agents import robot
-from swarm import metrics
-from swarm.messages import Command
-from swarm.run.bench.navigation import cases
+from swarm import faults, metrics
+from swarm.faults import Dead, Kill
+from swarm.messages import Command, Event, TickRecord
+from swarm.run.bench.navigation import cases, stops
 from swarm.run.bench.navigation.cases import Case, Controller
+from swarm.run.bench.navigation.stops import Watch
 from swarm.scenario import Scenario
 from world import simulation
+from world.simulation import World, WorldState
 
 BARN_FACTORS = (2.0, 8.0)  # a run is scored by its time, clipped to these multiples of the best
 
@@ -37,9 +41,12 @@ class Run(msgspec.Struct, frozen=True, kw_only=True):
     size: str
     number: int
     controller: Controller
-    outcome: Outcome  # blocked: nobody is merely late, those who failed to arrive said FAILED
+    # blocked: nobody is merely late, those who failed to arrive said so. Where a robot stops, it is
+    # a success when all who can arrive do, and all others say in time that they are blocked.
+    outcome: Outcome
     robots: int
     arrived: int = 0  # in time
+    told: int = 0  # of those who could not arrive: said so in time
     clearance_m: float | None = None  # least, to obstacles and between robots
     makespan_ratio: float | None = None  # last arrival over the longest bound
     time_ratio: float | None = None  # arrival over its bound, mean over the robots
@@ -57,6 +64,8 @@ class Driven(msgspec.Struct, frozen=True, eq=False):
     score: metrics.Score
     steps: int
     step_cpu_s: float  # of all robots' steps
+    watches: tuple[Watch, ...] = ()  # of the robots, where one stops
+    last: TickRecord | None = None
 
 
 def run(job: Job) -> Run:
@@ -69,14 +78,15 @@ def drive(plan: Scenario) -> Driven:
 
     CPU is that of this thread, so that others on the machine disturb it little.
     """
-    assert not plan.faults, "faults are the supervisor's business"
     world = simulation.build(plan)
     setups = {row.name: plan.setup(row.name) for row in plan.robots}
     minds = {name: robot.init(setup) for name, setup in setups.items()}
     state = simulation.init(world)
     score = metrics.begin(plan)
+    watches = [stops.Watch() for _ in plan.robots] if plan.faults else []
     steps = spent_ns = 0
     while True:
+        state, events = _strike(world, state)
         frames = simulation.sense(world, state)
         commands: dict[str, Command] = {}
         begin_ns = time.thread_time_ns()
@@ -85,10 +95,40 @@ def drive(plan: Scenario) -> Driven:
             minds[name], commands[name] = robot.step(setups[name], minds[name], frame)
         spent_ns += time.thread_time_ns() - begin_ns
         steps += len(frames)
-        metrics.observe(score, simulation.record(world, state, frames, commands.values()))
-        if metrics.ended(score) is not None:
-            return Driven(score, steps, spent_ns * 1e-9)
+        record = simulation.record(world, state, frames, commands.values(), events)
+        metrics.observe(score, record)
+        if watches:
+            stops.observe(watches, record)
+        if metrics.ended(score) is not None or (watches and stops.settled(watches, score)):
+            return Driven(score, steps, spent_ns * 1e-9, tuple(watches), record)
         state = simulation.step(world, state, commands)
+
+
+def _strike(world: World, state: WorldState) -> tuple[WorldState, list[Event]]:
+    """World after the faults that are due, as the world's injector has it."""
+    plan = world.scenario
+    events: list[Event] = []
+    for number, fault in enumerate(plan.faults):
+        if plan.tick_of(fault.at_s) != state.tick:
+            continue
+        assert isinstance(fault, Kill | Dead), "other faults are the supervisor's business"
+        name, kind = fault.target, faults.kind_of(fault)
+        events.append(
+            Event(
+                tick=state.tick,
+                stamp_ns=plan.stamp_ns(state.tick),
+                kind="fault",
+                robot=name,
+                text=faults.text_of(fault),
+                fault=kind,
+                number=number,
+            )
+        )
+        if isinstance(fault, Kill):
+            state = simulation.lose(world, state, name)
+        else:
+            state = simulation.inflict(world, state, number, fault, (plan.row(name),))
+    return state, events
 
 
 def judge(job: Job, driven: Driven) -> Run:
@@ -97,15 +137,19 @@ def judge(job: Job, driven: Driven) -> Run:
     facts = metrics.Facts(scenario=case.name, run="memory", bus="memory")
     summary = metrics.summary(driven.score, facts)
     rows = summary.per_robot
-    in_time = [
-        row.arrival_s
-        for row, due_s in zip(rows, case.dues_s, strict=True)
+    arrivals_s = {
+        number: row.arrival_s
+        for number, (row, due_s) in enumerate(zip(rows, case.dues_s, strict=True))
         if row.outcome == "arrived" and row.arrival_s is not None and row.arrival_s <= due_s
-    ]
+    }
+    in_time = list(arrivals_s.values())
     late = [row for row in rows if row.outcome in ("arrived", "timeout")]
     outcome: Outcome = "succeeded"
-    if summary.collisions:
+    told = 0
+    if summary.collisions or (case.stops and summary.collisions_excused):
         outcome = "collided"
+    elif case.stops:
+        outcome, told = _judge_stop(job, driven, summary.per_robot)
     elif len(in_time) < len(rows):
         outcome = "timeout" if len(late) > len(in_time) else "blocked"
     success = outcome == "succeeded"
@@ -123,15 +167,47 @@ def judge(job: Job, driven: Driven) -> Run:
         outcome=outcome,
         robots=len(rows),
         arrived=len(in_time),
+        told=told,
         clearance_m=min(clearances_m, default=None),
-        makespan_ratio=makespan_s / max(case.bounds_s) if success else None,
-        time_ratio=_mean_ratio(in_time, list(case.bounds_s)) if success else None,
-        path_ratio=_mean_ratio([row.path_m for row in rows], _ways_m(case)) if success else None,
+        makespan_ratio=makespan_s / max(case.bounds_s) if success and in_time else None,
+        time_ratio=_mean_ratio(in_time, [case.bounds_s[number] for number in arrivals_s])
+        if success
+        else None,
+        path_ratio=_mean_ratio(
+            [rows[number].path_m for number in arrivals_s],
+            [_ways_m(case)[number] for number in arrivals_s],
+        )
+        if success
+        else None,
         score=barn_score(success, makespan_s, case.bounds_s[0]) if case.scored else None,
         sim_time_s=summary.sim_time_s,
         step_us=1e6 * driven.step_cpu_s / driven.steps,
         state_hash=summary.state_hash,
     )
+
+
+def _judge_stop(job: Job, driven: Driven, rows: Sequence[metrics.RobotRow]) -> tuple[Outcome, int]:
+    """What became of a run in which a robot stopped, and how many said rightly that they cannot.
+
+    Blocked: all who did not arrive say that they are, but one of them could have arrived.
+    """
+    assert driven.last is not None
+    plan, stopped = job.case.scenario, stops.ROW
+    told, late, wrong = 0, 0, 0
+    for number, (row, watch, due_s) in enumerate(
+        zip(rows, driven.watches, job.case.dues_s, strict=True)
+    ):
+        if row.arrival_s is not None and row.outcome == "arrived" and row.arrival_s <= due_s:
+            continue
+        if row.outcome == "killed" and number == stopped:
+            continue
+        if row.outcome == "arrived" or not stops.has_said(watch, plan):
+            late += 1
+        elif stops.can_arrive(plan, driven.last, number):
+            wrong += 1
+        else:
+            told += 1
+    return ("timeout" if late else "blocked" if wrong else "succeeded"), told
 
 
 def barn_score(success: bool, time_s: float, best_s: float) -> float:
@@ -149,5 +225,8 @@ def _ways_m(case: Case) -> list[float]:
     ]
 
 
-def _mean_ratio(values: list[float], bounds: list[float]) -> float:
+def _mean_ratio(values: list[float], bounds: list[float]) -> float | None:
+    """None when nobody arrived, which may be all that could be done."""
+    if not values:
+        return None
     return sum(value / bound for value, bound in zip(values, bounds, strict=True)) / len(values)

@@ -53,6 +53,8 @@ class Navigation(msgspec.Struct, frozen=True, kw_only=True):
     machine: Machine
     versions: dict[str, str]
     tiny: bool
+    partial: bool  # interrupted: of the runs that had ended by then
+    planned: int  # runs
     rows: tuple[Row, ...]
     peers: tuple[Published, ...]
     worst: tuple[Worst, ...]

@@ -56,6 +56,11 @@ def _notes(found: Navigation) -> list[str]:
     ]
     if any(row.family == "barn" for row in found.rows):
         lines.append(peers.BARN_NOTE)
+    if found.partial:
+        lines.append(
+            f"PARTIAL: interrupted after {len(found.runs)} of {found.planned} runs; rows may lack "
+            "the slower ones"
+        )
     if found.tiny:
         lines.append("tiny: one short run per family, nothing is expected of them")
     crashes = sum(run.outcome == "crashed" for run in found.runs)
@@ -72,7 +77,8 @@ def _worst_line(worst: Worst) -> str:
     run = worst.run
     what = run.outcome if run.outcome != "succeeded" else f"{_ratio(run.makespan_ratio)} x"
     where = f"{run.family} {run.size} {run.number} {run.controller}"
-    said = f", {run.problem}" if run.problem else ""
+    told = f", {run.told} said rightly that they cannot" if run.told else ""
+    said = f"{told}, {run.problem}" if run.problem else told
     return f"  {where}: {what}, {run.arrived} of {run.robots} arrived{said}: {worst.command}"
 
 
