@@ -49,7 +49,7 @@ def test_guards_stand_behind_an_own_controller(asked: list[tuple[Any, Any]]) -> 
 
 
 def test_built_in_controllers_are_none_of_ones_own() -> None:
-    assert [controllers.of(name) for name in scenario.CONTROLLERS] == [None, None]
+    assert [controllers.of(name) for name in scenario.CONTROLLERS] == [None] * 3
 
 
 @pytest.mark.parametrize(
