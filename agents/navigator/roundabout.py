@@ -20,7 +20,8 @@ from swarm.geometry import Floats, Vec2, length, wrap_angle
 
 HORIZON_S = 8.0  # of conflicts
 SPACING_M = 0.2  # hull to hull: less at the closest approach is a conflict
-WIDE_M, WIDE_SHARE = 0.1, 0.5
+# A small ring is made wider by this much between neighbours, who then keep their order on it.
+WIDE_M, SMALL_M = 0.1, 1.8
 RING_M = 0.2  # hull to hull on the ring
 ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
 # The centre follows what is seen of it by this part in a tick: as soon as all turn, straight ways
@@ -41,7 +42,6 @@ class State(msgspec.Struct, frozen=True):
 
     centre: Vec2 | None = None  # m, world
     idle_s: float = 0.0  # since the last conflict
-    far_m: float = 0.0  # furthest from the centre so far
 
 
 def step(
@@ -76,11 +76,11 @@ def step(
                 state.centre[0] + FOLLOW * (seen[0] - state.centre[0]),
                 state.centre[1] + FOLLOW * (seen[1] - state.centre[1]),
             )
-        state = State(centre, 0.0, state.far_m)
+        state = State(centre)
     elif state.centre is None or state.idle_s + elapsed_s > MEMORY_S:
         return State(), None
     else:
-        state = State(state.centre, state.idle_s + elapsed_s, state.far_m)
+        state = State(state.centre, state.idle_s + elapsed_s)
     assert state.centre is not None
     x_m, y_m = state.centre[0] - position[0], state.centre[1] - position[1]
     away_m = length(x_m, y_m)
@@ -89,11 +89,8 @@ def step(
     for row in met.nonzero()[0].tolist():
         bearings.append(atan2(float(peers[row, 1]) - y_m, float(peers[row, 0]) - x_m))
         spacing_m = max(spacing_m, radius_m + float(peers[row, table.RADIUS]) + RING_M)
-    far_m = max(state.far_m, away_m)
-    state = State(state.centre, state.idle_s, far_m)
     ring_m = radius(bearings, spacing_m)
-    if WIDE_M > 0.0:
-        ring_m = max(ring_m, min(radius(bearings, spacing_m + WIDE_M), WIDE_SHARE * far_m))
+    ring_m = max(ring_m, min(radius(bearings, spacing_m + WIDE_M), SMALL_M))
     centre_rad = atan2(y_m, x_m)
     if away_m > ring_m:
         tangent_rad = atan2(ring_m, sqrt(away_m * away_m - ring_m * ring_m))
