@@ -396,7 +396,7 @@ def drive(
         sense = 1 if error_rad > 0.0 else -1
     if sense != state.turn_sense:
         state = msgspec.structs.replace(state, turn_sense=sense)
-    arrived = state.parked and aim.distance_m < robot.goal_tolerance_m
+    arrived = aim.is_last and aim.distance_m < robot.goal_tolerance_m
     mode: Mode = "ARRIVED" if arrived else "GO"
     gain_1ps, most_radps = navigator.heading_gain_1ps, robot.turn_rate_radps_max
     speed_mps = choice.speed_mps

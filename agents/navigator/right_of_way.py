@@ -111,7 +111,10 @@ def step(
                 speed_mps = 0.0
                 direction_rad = atan2(rule.face[1] - position[1], rule.face[0] - position[0])
     free = not (waits or holds)
-    stuck_ = stuck.step(state.stuck, position, aim.distance_m, elapsed_s, free=free)
+    # Alone, it is what the robot remembers that holds it: that is the memory's to doubt.
+    stuck_ = stuck.step(
+        state.stuck, position, aim.distance_m, elapsed_s, free=free and len(peers) > 0
+    )
     circle, round_ = state.roundabout, False
     if stuck_.escape_s > 0.0:
         direction_rad, own = wrap_angle(direction_rad + stuck_.turn_rad()), False

@@ -20,6 +20,8 @@ from swarm.geometry import Floats, Vec2, length, wrap_angle
 
 HORIZON_S = 8.0  # of conflicts
 SPACING_M = 0.2  # hull to hull: less at the closest approach is a conflict
+# A small ring is made wider by this much between neighbours, who then keep their order on it.
+WIDE_M, SMALL_M = 0.1, 1.8
 RING_M = 0.2  # hull to hull on the ring
 ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
 # The centre follows what is seen of it by this part in a tick: as soon as all turn, straight ways
@@ -88,6 +90,7 @@ def step(
         bearings.append(atan2(float(peers[row, 1]) - y_m, float(peers[row, 0]) - x_m))
         spacing_m = max(spacing_m, radius_m + float(peers[row, table.RADIUS]) + RING_M)
     ring_m = radius(bearings, spacing_m)
+    ring_m = max(ring_m, min(radius(bearings, spacing_m + WIDE_M), SMALL_M))
     centre_rad = atan2(y_m, x_m)
     if away_m > ring_m:
         tangent_rad = atan2(ring_m, sqrt(away_m * away_m - ring_m * ring_m))
