@@ -5,12 +5,14 @@ Job --drive--> Score, CPU --judge--> Run
 
 from __future__ import annotations
 
+import functools
 import time
 from typing import Literal
 
 import msgspec
 
 from agents import robot
+from agents.navigator import warm
 from swarm import metrics
 from swarm.messages import Command
 from swarm.run.bench.navigation import cases
@@ -51,6 +53,12 @@ class Run(msgspec.Struct, frozen=True, kw_only=True):
     problem: str = ""  # of a crash
 
 
+@functools.cache
+def _warm_up() -> None:
+    """Load the navigator's inner loops, once per process: no step is to be charged with that."""
+    warm.up()
+
+
 class Driven(msgspec.Struct, frozen=True, eq=False):
     """A run that has ended."""
 
@@ -61,6 +69,8 @@ class Driven(msgspec.Struct, frozen=True, eq=False):
 
 def run(job: Job) -> Run:
     """Run and judge."""
+    if job.controller == "navigator":
+        _warm_up()
     return judge(job, drive(cases.under(job.case, job.controller)))
 
 
