@@ -296,12 +296,17 @@ def hold(
     map: msam.Map,
     late: lateness.State,
     asked: Twist,
+    allows: brake.Allows | None = None,
 ) -> tuple[Twist, Limit]:
-    """Set-point from which the robot can always stop in time: the last word."""
+    """Set-point from which the robot can always stop in time: the last word.
+
+    Args:
+        allows: what else a course must keep to.
+    """
     frame = predict.ahead(setup, late, seen)
     reach_m = brake.reach_m(setup, frame.twist.speed_mps)
     points_m = obstacles(setup, state, seen, frame, map, reach_m)
-    return brake.hold(setup, frame.pose.yaw_rad, frame.twist, asked, points_m)
+    return brake.hold(setup, frame.pose.yaw_rad, frame.twist, asked, points_m, allows)
 
 
 def obstacles(
