@@ -152,16 +152,21 @@ def look(
     state = pass_waypoints(setup, state, frame)
     target, is_last = target_of(setup, state)
     goal_m = geometry.length(target[0] - pose.x_m, target[1] - pose.y_m)
+    is_there = is_last and goal_m < setup.robot.goal_tolerance_m
     # 1. Remember.
     known = state.memory or memory.empty(rules, pose)
     known = memory.shifted(rules, known, pose)
-    state, known = doubt(setup, rules, state, known, frame, others, elapsed_s)
+    if not is_there:
+        state, known = doubt(setup, rules, state, known, frame, others, elapsed_s)
     known, field_mm = memory.observe(rules, known, seen.pose, seen.ranges_m(), map.ranges_m)
     # 2. Find the way.
     tolerance_m = setup.robot.goal_tolerance_m if is_last else setup.robot.via_tolerance_m
     found = way.step(rules, state.way, known, field_mm, pose, target, tolerance_m)
     state = replace(state, memory=known, way=found)
-    state = give_up(setup, state, others, goal_m, elapsed_s)
+    if is_there:  # should it be pushed away it has all the time again
+        state = replace(state, still_s=0.0, place=None, closed_s=0.0, best_m=1e9, best_s=0.0)
+    else:
+        state = give_up(setup, state, others, goal_m, elapsed_s)
     # 3. Aim at the farthest point of it that can be driven to straight on.
     look_m = setup.navigator.look_m + setup.navigator.look_s * abs(frame.twist.speed_mps)
     factor = setup.navigator.chord_factor

@@ -67,8 +67,9 @@ def hold(
     for number, share in enumerate(SHARES):
         one = course(setup, yaw_rad, twist, Twist(share * asked.speed_mps, asked.turn_rate_radps))
         if keeps_off(points_m, one.places_m, keep_m) and (allows is None or allows(one)):
-            by = "brake" if number else ""
-            return one.reached, Limit(abs(one.reached.speed_mps), by)
+            if number == 0:
+                return one.reached, Limit(setup.robot.speed_mps_max, "")
+            return one.reached, Limit(abs(one.reached.speed_mps), "brake")
     reached = braked(setup, twist)
     return reached, Limit(abs(reached.speed_mps), "brake")
 

@@ -3,9 +3,10 @@
 Both decide alike to the bit: no fused or reordered arithmetic is allowed, and angles go in as
 numbers, so that no sine of a compiler's own is ever used.
 
-numba takes what it kept for good as long as the loop's own file has not changed, whatever became
-of loops and constants in other files that it was made with. So it is kept under a name made from
-all of them.
+numba is loaded by the first loop that is called: commands that drive no robot do without it. It
+takes what it kept for good as long as the loop's own file has not changed, whatever became of
+loops and constants in other files that it was made with. So it is kept under a name made from all
+of them.
 """
 
 from __future__ import annotations
@@ -14,9 +15,49 @@ import importlib.resources
 import importlib.util
 import zlib
 from collections.abc import Callable
+from functools import cache
+from types import FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
 F = TypeVar("F", bound=Callable[..., object])
+
+
+class Loop:
+    """A function that becomes machine code when it is first called; `py_func` is the plain one."""
+
+    def __init__(self, function: FunctionType) -> None:
+        self.py_func = function
+        self.__name__ = function.__name__
+        self._code: Callable[..., object] | None = None
+
+    def __call__(self, *arguments: object) -> object:
+        return (self._code or self.code())(*arguments)
+
+    def code(self) -> Callable[..., object]:
+        """Machine code; loops that it calls are given to the compiler as such."""
+        if self._code is None:
+            plain = self.py_func
+            around = dict(plain.__globals__)
+            for name in plain.__code__.co_names:
+                if isinstance(loop := around.get(name), Loop):
+                    around[name] = loop.code()
+            copy = FunctionType(plain.__code__, around, plain.__name__, plain.__defaults__)
+            copy.__qualname__, copy.__module__ = plain.__qualname__, plain.__module__
+            self._code = _numba().njit(cache=True, fastmath=False)(copy)
+        assert self._code is not None
+        return self._code
+
+
+@cache
+def _numba() -> Any:
+    numba: ModuleType = importlib.import_module("numba")
+    folder = importlib.resources.files("agents.navigator")
+    sources = sorted((part.name, part) for part in folder.iterdir() if part.name.endswith(".py"))
+    version = zlib.crc32(b"".join(part.read_bytes() for _, part in sources))
+    config: Any = numba.config
+    config.CACHE_DIR = str(folder.joinpath("__pycache__", f"compiled-{version:08x}"))
+    return numba
+
 
 if importlib.util.find_spec("numba") is None:
 
@@ -25,14 +66,7 @@ if importlib.util.find_spec("numba") is None:
         return function
 
 else:
-    import numba
-
-    _FOLDER = importlib.resources.files("agents.navigator")
-    _SOURCES = sorted((part.name, part) for part in _FOLDER.iterdir() if part.name.endswith(".py"))
-    _VERSION = zlib.crc32(b"".join(part.read_bytes() for _, part in _SOURCES))
-    _config: Any = numba.config
-    _config.CACHE_DIR = str(_FOLDER.joinpath("__pycache__", f"compiled-{_VERSION:08x}"))
 
     def compiled(function: F) -> F:
-        """The same function as machine code; `.py_func` of it is the plain one."""
-        return cast(F, numba.njit(cache=True, fastmath=False)(function))
+        """The same function as machine code."""
+        return cast(F, Loop(cast(FunctionType, function)))

@@ -110,7 +110,7 @@ def test_what_children_load_is_free_of_viewers() -> None:
     names = ", ".join(processes.PRELOAD)
     code = f"import sys, {names}; print({{'rerun', 'rich'}} & set(sys.modules))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (result.stdout.strip(), result.stderr) == ("set()", "")
+    assert (result.stdout.strip(), result.returncode) == ("set()", 0), result.stderr
 
 
 # --- figures ------------------------------------------------------------------------------------

@@ -173,6 +173,20 @@ def test_who_comes_no_nearer_gives_up_in_the_end() -> None:
     assert command.beacon.reason == "too-long"
 
 
+def test_who_has_arrived_neither_doubts_nor_gives_up() -> None:
+    setup = setup_of(goal=(0.0, 0.0))
+    setup = msgspec.structs.replace(
+        setup, navigator=msgspec.structs.replace(setup.navigator, give_up_s=2.0)
+    )
+    state = robot.init(setup)
+    scan = scenes.scan([(0.8, 0.0, 0.3)], scenes.ORIGIN)
+    for tick in range(60):
+        state, command = robot.step(setup, state, scenes.frame("robot1", tick, ranges_m=scan))
+        assert command.beacon.mode == "ARRIVED"
+    assert state.navigating.doubts == 0
+    assert state.navigating.failed == ""
+
+
 def test_another_goal_is_another_chance() -> None:
     state = navigator.State(via_index=1, failed="enclosed", closed_s=9.0, best_m=1.0)
     assert navigator.redirect(state) == navigator.State()

