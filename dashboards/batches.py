@@ -60,7 +60,7 @@ class Company(msgspec.Struct, frozen=True):
     """What the robots are to each other at one tick, by what they say; rows of the scenario."""
 
     leads: tuple[Lead, ...]  # who says that it leads, highest claim first
-    focus: int  # the first of these, or of the living
+    focus: int  # who is selected, else the first of these, or of the living
     yields: tuple[tuple[int, int], ...]  # who waits, for whom
 
 
@@ -101,8 +101,12 @@ def shot(record: TickRecord, wall_s: float = nan, cpu_s: float = nan) -> Shot:
     return Shot(record, snapshot.motion(record), wall_s, cpu_s)
 
 
-def batch(scenario: Scenario, shots: Sequence[Shot], before: Before) -> Batch:
-    """Arrays of at least one tick."""
+def batch(scenario: Scenario, shots: Sequence[Shot], before: Before, selected: str = "") -> Batch:
+    """Arrays of at least one tick.
+
+    Args:
+        selected: robot that is looked at while it lives; "": the leader.
+    """
     robots = len(scenario.robots)
     records = [shot.record for shot in shots]
     rows = {robot.name: row for row, robot in enumerate(scenario.robots)}
@@ -110,7 +114,7 @@ def batch(scenario: Scenario, shots: Sequence[Shot], before: Before) -> Batch:
     detail = np.flatnonzero(ticks % snapshot.detail_ticks(robots) == 0)
     seldom = snapshot.scan_ticks(robots)
     motion = np.array([shot.motion for shot in shots])
-    companies = [_company(records[row], rows) for row in detail]
+    companies = [_company(records[row], rows, rows.get(selected)) for row in detail]
     troubles, words = before.troubles, []
     for record in records:
         troubles = states.follow(troubles, record)
@@ -166,7 +170,7 @@ def corners(batch: Batch, trail: int) -> tuple[Rows, Floats]:
     return rows, np.concatenate([first[None], batch.positions[rows]])
 
 
-def _company(record: TickRecord, rows: Mapping[str, int]) -> Company:
+def _company(record: TickRecord, rows: Mapping[str, int], selected: int | None) -> Company:
     claims: list[Leadership] = []  # of a robot about itself
     yields: list[tuple[int, int]] = []
     living = -1
@@ -185,9 +189,12 @@ def _company(record: TickRecord, rows: Mapping[str, int]) -> Company:
             yields.append((row, rows[other]))
     if len(claims) > 1:
         claims.sort(key=leadership_order)
+    focus = rows[claims[0].name] if claims else max(living, 0)
+    if selected is not None and record.robots[selected].alive:
+        focus = selected
     return Company(
         leads=tuple([(claim.name, claim.term) for claim in claims]),
-        focus=rows[claims[0].name] if claims else max(living, 0),
+        focus=focus,
         yields=tuple(yields),
     )
 

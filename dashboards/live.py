@@ -50,6 +50,7 @@ class Live:
     ) -> None:
         """Opens what it can; a port or a file of None is left out."""
         self.failure: str | None = None
+        self.selected = ""  # robot whose scan, map and circles are drawn; "": of the leader
         self._path = rrd_path
         self._scenario = scenario
         self._now = now
@@ -119,7 +120,7 @@ class Live:
             compact(self._path)
 
     def _send(self, stream: rr.RecordingStream) -> None:
-        batch = batches.batch(self._scenario, self._shots, self._before)
+        batch = batches.batch(self._scenario, self._shots, self._before, self.selected)
         for drawing in views.draw(batch):
             index = [
                 rr.TimeColumn("tick", sequence=batch.ticks[drawing.rows]),

@@ -359,11 +359,11 @@ class ScenarioRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ControlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The command line asks something of the world."""
 
-    action: Literal["status", "stop", "fault", "pause", "resume", "step", "rate", "goal"]
+    action: Literal["status", "stop", "fault", "pause", "resume", "step", "rate", "goal", "select"]
     spec: Annotated[str, msgspec.Meta(max_length=2000)] = ""  # of the fault; without @ it is now
     count: Annotated[int, msgspec.Meta(ge=1, le=10**9)] = 1  # ticks of `step`, then it pauses
     rate: Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)] = 0.0  # x real time; 0: no limit
-    robot: str = ""  # of `goal`; `leader` is whoever leads
+    robot: str = ""  # of `goal` and `select`; `leader` is whoever leads
     goal: Goal = (0.0, 0.0)
 
 

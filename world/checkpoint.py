@@ -18,7 +18,16 @@ from world.simulation import WorldState
 
 FILE_NAME = "checkpoint.msgpack"
 KILLS_NAME = "kills.txt"  # a line for each fault that has killed a world of the run
+HANDLING_NAME = "handling.json"
 BYTES_MAX = 256 << 20
+
+
+class Handling(msgspec.Struct, frozen=True):
+    """How people have set a run going; kept when they change it, whatever the tick."""
+
+    rate: float  # x real time
+    paused: bool = False  # now, or after the ticks of a step
+    selected: str = ""  # robot whose surroundings the picture shows; "": of the leader
 
 
 class Order(msgspec.Struct, frozen=True, array_like=True):

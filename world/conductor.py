@@ -20,7 +20,7 @@ from swarm.messages import COMMAND, EVENT, FRAME, Command, SensorFrame, Status, 
 from swarm.scenario import Scenario
 from world import simulation
 from world.attendance import Attendance
-from world.checkpoint import Checkpoint
+from world.checkpoint import Checkpoint, Handling
 from world.desk import Desk
 from world.injector import Injector
 from world.pace import SLEEP_S_MAX, Pace
@@ -47,6 +47,9 @@ class Keeper(Protocol):
     def note_kill(self, fault: str) -> None:
         """Keep that a fault is about to kill this world, even when no checkpoint can be kept."""
 
+    def note_handling(self, handling: Handling) -> None:
+        """Keep what people have set, and show the picture that they want."""
+
 
 class Nowhere:
     """Keeper of a run that leaves nothing behind."""
@@ -60,6 +63,9 @@ class Nowhere:
     def note_kill(self, fault: str) -> None:
         """Not kept."""
 
+    def note_handling(self, handling: Handling) -> None:
+        """Not kept."""
+
 
 class Resumed(msgspec.Struct, frozen=True, eq=False):
     """Where a run goes on that another world began."""
@@ -67,6 +73,7 @@ class Resumed(msgspec.Struct, frozen=True, eq=False):
     checkpoint: Checkpoint | None  # None: it was killed before it had made one
     score: metrics.Score  # of all ticks before
     kills: frozenset[str] = frozenset()  # faults, as texts, that have killed a world of this run
+    handling: Handling | None = None  # None: as the scenario has it
 
 
 class Conduct(msgspec.Struct):
@@ -150,8 +157,9 @@ class _Conductor:
             now=now,
             sleep=sleep,
             attend=self._attend,
-            say=lambda text: self._run.event("control", None, text),
+            say=self._heeded,
         )
+        self._selected = ""
         self._desk = Desk(
             bus,
             self._run,
@@ -177,6 +185,10 @@ class _Conductor:
             if resumed.checkpoint is not None:
                 run.resume(resumed.checkpoint)
                 self._pace.wall_before_s = resumed.checkpoint.wall_time_s
+            if (handling := resumed.handling) is not None:
+                self._pace.restore(handling.rate, paused=handling.paused)
+                self._selected = handling.selected
+                self._note_handling()
         bus.subscribe(COMMAND)
         desk.open()
         bus.announce("world", "world")
@@ -190,6 +202,9 @@ class _Conductor:
             self._report_rejected()
             desk.take_faults()
             changed = desk.take_goals()
+            if (selected := desk.take_selected()) is not None:
+                self._selected = selected
+                self._heeded(f"the picture shows what {selected or 'the leader'} sees")
             if not struck:
                 changed |= self._injector.strike()
             struck = False
@@ -404,6 +419,16 @@ class _Conductor:
                 run.event("collision", name, "touched something and is stopped where it is")
 
     # --- pace ---
+
+    def _heeded(self, text: str) -> None:
+        """Something that people have asked for is done."""
+        self._run.event("control", None, text)
+        self._note_handling()
+
+    def _note_handling(self) -> None:
+        if self._keeper is not None:
+            handling = Handling(self._pace.rate, self._pace.will_pause, self._selected)
+            self._keeper.note_handling(handling)
 
     def _attend(self) -> None:
         """What must not wait while this process sleeps."""

@@ -62,6 +62,7 @@ class Desk:
         self.pulse = Pulse()
         self._asked: deque[Fault] = deque()
         self._goals: deque[tuple[str, Goal]] = deque()
+        self._selected: str | None = None
         self._due_s = 0.0
 
     def open(self) -> None:
@@ -81,6 +82,11 @@ class Desk:
             self._run.order(*self._goals.popleft())
             taken = True
         return taken
+
+    def take_selected(self) -> str | None:
+        """Whom people have asked to see since, "" for the leader; None when they have not."""
+        selected, self._selected = self._selected, None
+        return selected
 
     def publish(self) -> None:
         """Tell the status, if it is time to."""
@@ -116,6 +122,12 @@ class Desk:
                 text = self._accept(request.spec)
             except errors.ScenarioError as error:
                 return Reply(False, str(error))
+        elif request.action == "select":
+            selected = "" if request.robot == "leader" else request.robot
+            if selected and (unknown := self._unknown(selected)) is not None:
+                return Reply(False, unknown)
+            self._selected = selected
+            text = f"the picture shows what {request.robot} sees"
         elif request.action == "goal":
             name = self._run.leader() if request.robot == "leader" else request.robot
             if (problem := self._against(name or request.robot)) is not None:
@@ -126,11 +138,9 @@ class Desk:
 
     def _against(self, name: str) -> str | None:
         """Why a robot cannot be given a goal, None when it can."""
-        run = self._run
-        member = run.members.get(name)
-        if member is None:
-            hint = errors.did_you_mean(name, run.members)
-            return f"expected one of {', '.join(run.members)}, got '{name}'{hint}"
+        if (problem := self._unknown(name)) is not None:
+            return problem
+        run, member = self._run, self._run.members[name]
         if not member.is_present and not member.is_expected:
             return f"{name}: expected a robot that is there, got one that is {member.state}"
         row, leader = run.world.rows[name], run.leader()
@@ -138,6 +148,13 @@ class Desk:
         if follows and leader is not None:
             return f"{name} follows: give the goal to its leader, {leader}"
         return None
+
+    def _unknown(self, name: str) -> str | None:
+        """What to say when there is no robot of that name."""
+        names = self._run.members
+        if name in names:
+            return None
+        return f"expected one of {', '.join(names)}, got '{name}'{errors.did_you_mean(name, names)}"
 
     def _accept(self, spec: str) -> str:
         """Take a fault that is asked for while the run goes on; raises ScenarioError."""

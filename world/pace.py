@@ -53,6 +53,16 @@ class Pace:
         """Whether it waits for an order to go on."""
         return self._steps == 0
 
+    @property
+    def will_pause(self) -> bool:
+        """Whether it waits, or will after some ticks."""
+        return self._steps is not None
+
+    def restore(self, rate: float, *, paused: bool) -> None:
+        """Go on as an earlier world was told to, before this one begins."""
+        self.rate = rate
+        self._steps = 0 if paused else None
+
     def order(self, request: ControlRequest) -> None:
         """Pause, resume, step or rate; from any thread."""
         self._orders.append(request)

@@ -117,7 +117,7 @@ def record_run(
                 f"{folder}: expected a recording that is whole up to tick {first_tick}, "
                 f"got one up to {score.tick}; the run cannot go on"
             )
-        resumed = conductor.Resumed(kept, score, _kills(folder))
+        resumed = conductor.Resumed(kept, score, _kills(folder), _handling(folder))
     observers = [watchers.observe]
     if bus_name != "memory":  # for the world's log, or for who started it by hand
         observers.append(_say_events)
@@ -146,7 +146,7 @@ def record_run(
         world_restarts=segment,
     )
     summary = metrics.summary(run.score, facts)
-    for name in (checkpoint.FILE_NAME, checkpoint.KILLS_NAME):
+    for name in (checkpoint.FILE_NAME, checkpoint.KILLS_NAME, checkpoint.HANDLING_NAME):
         (folder / name).unlink(missing_ok=True)
     text = msgspec.json.format(msgspec.json.encode(summary))
     if (problem := runs.write_whole(folder / runs.SUMMARY, text)) is not None:
@@ -173,6 +173,18 @@ def _kills(folder: Path) -> frozenset[str]:
     except OSError:
         return frozenset()
     return frozenset(text.splitlines())
+
+
+def _handling(folder: Path) -> checkpoint.Handling | None:
+    """How people had set the run in a folder going, None when nobody did."""
+    path = folder / checkpoint.HANDLING_NAME
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=checkpoint.Handling)
+    except FileNotFoundError:
+        return None
+    except (OSError, msgspec.DecodeError) as error:
+        log.say("world", f"{path}: {error}; goes on as the scenario says", level="warn")
+        return None
 
 
 def _say_events(record: TickRecord) -> None:

@@ -11,13 +11,15 @@ import importlib.metadata
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
+
 from dashboards import bridge, foxglove, live
 from swarm import log, metrics, recording, runs
 from swarm.bus import Bus
 from swarm.messages import EVENT, Event, TickRecord
 from swarm.scenario import Scenario
 from world import scene
-from world.checkpoint import FILE_NAME, KILLS_NAME
+from world.checkpoint import FILE_NAME, HANDLING_NAME, KILLS_NAME, Handling
 
 RECORDED_VERSIONS = ("msam-swarm", "eclipse-zenoh", "msgspec", "numpy", "mcap", "rerun-sdk")
 
@@ -115,6 +117,14 @@ class Watchers:
                 file.write(f"{fault}\n")
         except OSError as error:  # then the next world dies of it too; the supervisor gives up
             self._say(f"{KILLS_NAME}: {error.strerror}")
+
+    def note_handling(self, handling: Handling) -> None:
+        """Keep how people have set the run going, and show whom they have selected."""
+        if self._viewer is not None:
+            self._viewer.selected = handling.selected
+        problem = runs.write_whole(self._folder / HANDLING_NAME, msgspec.json.encode(handling))
+        if problem is not None:
+            self._say(f"{HANDLING_NAME}: {problem}")
 
     def disk_full(self, full: bool) -> None:
         """From now on the recorder's disk takes nothing, or takes all again."""

@@ -75,7 +75,7 @@ class Seats:
         return Reply(True)
 
 
-class _Memory:
+class _Memory(conductor.Nowhere):
     """Keeper of the newest checkpoint."""
 
     def __init__(self) -> None:
@@ -84,12 +84,6 @@ class _Memory:
     def save(self, data: bytes) -> None:
         """Keep it."""
         self.kept = data
-
-    def disk_full(self, full: bool) -> None:
-        """No disk."""
-
-    def note_kill(self, fault: str) -> None:
-        """A checkpoint in memory is always kept."""
 
 
 def run(

@@ -176,3 +176,17 @@ def test_another_is_in_focus_when_the_leader_is_dead(
     assert np.linalg.norm(rings[0] - (pose.x_m, pose.y_m), axis=1) == pytest.approx(
         RANGE_M, abs=1e-4
     )
+
+
+def test_who_is_selected_is_looked_at_while_it_lives(
+    made_scenario: MakeScenario, ticks: Sequence[TickRecord]
+) -> None:
+    scenario, shots = made_scenario(2), [batches.shot(ticks[3])]
+
+    def focus(selected: str) -> int:
+        return batches.batch(scenario, shots, batches.Before(), selected).companies[0].focus
+
+    assert [focus(name) for name in ("", "robot1", "robot2", "nobody")] == [0, 0, 1, 0]
+    fallen = msgspec.structs.replace(ticks[3].robots[1], alive=False)
+    shots = [batches.shot(msgspec.structs.replace(ticks[3], robots=(ticks[3].robots[0], fallen)))]
+    assert focus("robot2") == 0

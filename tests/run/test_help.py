@@ -64,7 +64,7 @@ def test_nonsense_is_refused_by_every_verb(here: Here, folder: Path, verb: str) 
 
 NEEDING_A_SWARM = (
     *("status", "top", "stop", "kill x", "restart x", "fault x"),
-    *("pause", "resume", "step", "rate 2", "goal x 1 2"),
+    *("pause", "resume", "step", "rate 2", "goal x 1 2", "select x"),
 )
 
 

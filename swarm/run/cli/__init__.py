@@ -3,7 +3,7 @@
     running     run, scenarios, validate           options   what verbs share
     live        status, stop, kill, restart, fault
     watch       top, logs
-    steer       pause, resume, step, rate, goal
+    steer       pause, resume, step, rate, goal, select
     recordings  verify, replay, diff, why
     results     report, export
     hand        world, robot, version
@@ -66,6 +66,7 @@ VERBS: dict[str, Callable[..., None]] = {  # in the order of `swarm --help`
     "step": steer.step,
     "rate": steer.rate,
     "goal": steer.goal,
+    "select": steer.select,
     "kill": live.kill,
     "restart": live.restart,
     "fault": live.fault,

@@ -1,4 +1,4 @@
-"""Verbs that hold a running swarm, let it go on, set its pace and its goal."""
+"""Verbs that hold a running swarm, let it go on, set its pace, its goal and its picture."""
 
 from __future__ import annotations
 
@@ -87,8 +87,32 @@ def goal(
 
     Example:  swarm goal -- robot2 -4.5 0
     """
+    _order(run_id, ControlRequest("goal", robot=name, goal=(x_m, y_m)), as_json)
+
+
+def select(
+    name: Annotated[
+        str,
+        Argument(
+            metavar="NAME",
+            help="A robot's name, or `leader`: whoever leads.",
+            autocompletion=complete.robots,
+        ),
+    ],
+    run_id: options.RunId = None,
+    as_json: options.Json = False,
+) -> None:
+    """Choose the robot whose scan, map and virtual circles the live picture shows.
+
+    Example:  swarm select robot3
+    """
+    _order(run_id, ControlRequest("select", robot=name), as_json)
+
+
+def _order(run_id: str | None, request: ControlRequest, as_json: bool) -> None:
+    """Ask for something that is done with the next tick."""
     card = live.pick(run_id)
-    reply = live.ask(card, ControlRequest("goal", robot=name, goal=(x_m, y_m)))
+    reply = live.ask(card, request)
     if not reply.ok:
         raise errors.UsageError(f"{card.run}: {reply.text}")
     if as_json:
