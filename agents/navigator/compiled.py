@@ -14,7 +14,7 @@ from __future__ import annotations
 import importlib.resources
 import importlib.util
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar, cast
@@ -39,13 +39,27 @@ class Loop:
             plain = self.py_func
             around = dict(plain.__globals__)
             for name in plain.__code__.co_names:
-                if isinstance(loop := around.get(name), Loop):
-                    around[name] = loop.code()
+                found = around.get(name)
+                if isinstance(found, Loop):
+                    around[name] = found.code()
+                elif isinstance(found, ModuleType):
+                    around[name] = _with_code(found, plain.__code__.co_names)
             copy = FunctionType(plain.__code__, around, plain.__name__, plain.__defaults__)
             copy.__qualname__, copy.__module__ = plain.__qualname__, plain.__module__
             self._code = _numba().njit(cache=True, fastmath=False)(copy)
         assert self._code is not None
         return self._code
+
+
+def _with_code(module: ModuleType, names: Sequence[str]) -> ModuleType:
+    """A module as the compiler takes it: with machine code for those of its loops."""
+    loops = {name: loop for name in names if isinstance(loop := vars(module).get(name), Loop)}
+    if not loops:
+        return module
+    shown = ModuleType(module.__name__)
+    vars(shown).update(vars(module))
+    vars(shown).update({name: loop.code() for name, loop in loops.items()})
+    return shown
 
 
 @cache

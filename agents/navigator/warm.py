@@ -5,56 +5,62 @@ A robot then pays for neither compiling nor loading within a tick.
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, pi
 
 import numpy as np
 
-from agents import lateness, msam, navigator
+from agents import robot
+from agents.navigator import gaps
 from swarm import messages, scenario
 from swarm.geometry import Pose, Twist
-from swarm.messages import SensorFrame, Wheels
+from swarm.messages import Beacon, SensorFrame, Wheels
 
 SCENE = b"""
-title = "A wall that is seen, and then is not there"
+title = "Two that meet before a wall that is seen, and then is not there"
 seed = 0
 dt_s = 0.08
 duration_s = 1.0
 [[robots]]
 name = "robot1"
 start = [0.0, 0.0, 0.0]
-goal = [3.0, 0.0]
-controller = "navigator"
+goal = [9.0, 0.0]
 [[robots]]
 name = "robot2"
-start = [0.0, 9.0, 0.0]
-goal = [99.0, 9.0]
+start = [3.0, 0.1, 3.14159]
+goal = [-99.0, 0.0]
+[robot]
 controller = "navigator"
 """
 TICKS = 14
 
 
 def up() -> None:
-    """Drive towards a wall that disappears, then stand elsewhere."""
+    """Drive towards each other, lose sight of the wall, then stand elsewhere, alone."""
     plan = scenario.decode(SCENE, "warm")
-    for robot in plan.robots:
-        setup = plan.setup(robot.name)
-        state, late = navigator.State(), lateness.State()
-        for tick in range(TICKS):
+    setups = [plan.setup(one.name) for one in plan.robots]
+    states = [robot.init(setup) for setup in setups]
+    heard: list[Beacon] = []
+    for tick in range(TICKS):
+        said: list[Beacon] = []
+        for number, setup in enumerate(setups):
             beams = np.full(setup.sensor.beams, inf, dtype=np.float32)
             if tick < TICKS // 2:
                 beams[len(beams) * 3 // 8 : len(beams) * 5 // 8] = 1.0 + 0.01 * tick
-            x_m = 0.1 * tick if tick < TICKS - 1 else 8.0
+            x_m, y_m, _ = setup.robot.start
+            side = 1.0 - 2.0 * number
+            x_m = x_m + 0.1 * side * tick if tick < TICKS - 1 else 12.0 * side
             frame = SensorFrame(
-                robot=robot.name,
+                robot=setup.robot.name,
                 tick=tick,
                 stamp_ns=0,
-                pose=Pose(x_m, robot.start[1], 0.0),
+                pose=Pose(x_m, y_m, 0.0 if number == 0 else -pi),
                 twist=Twist(0.5, 0.1),
                 wheels=Wheels(0.5, 0.5),
                 contact=False,
                 ranges=messages.array(beams),
+                beacons=tuple(heard[1 - number : 2 - number]),
             )
-            map = msam.update(setup, frame.ranges_m(), ())
-            state, wish = navigator.step(setup, state, frame, map, (), setup.dt_s, late)
-            asked = Twist(wish.speed_mps, wish.turn_rate_radps)
-            state, _, _ = navigator.hold(setup, state, frame, map, (), late, asked)
+            states[number], command = robot.step(setup, states[number], frame)
+            said.append(command.beacon)
+        heard = said
+    gaps.end(np.zeros((1, 2)), 0.0, 0.0, 1.0, 0.0, 1.0)  # there is no gap in the scene
