@@ -45,6 +45,7 @@ class Before(msgspec.Struct, frozen=True, eq=False):
     words: tuple[str, ...] = ()  # on the time lines; none for a large swarm
     leads: tuple[Lead, ...] | None = None
     yields: tuple[tuple[int, int], ...] = ()
+    gaps: tuple[tuple[int, bool], ...] = ()
 
 
 class Shot(msgspec.Struct, frozen=True, eq=False):
@@ -62,6 +63,7 @@ class Company(msgspec.Struct, frozen=True):
     leads: tuple[Lead, ...]  # who says that it leads, highest claim first
     focus: int  # who is selected, else the first of these, or of the living
     yields: tuple[tuple[int, int], ...]  # who waits, for whom
+    gaps: tuple[tuple[int, bool], ...]  # who claims a gap, and whether it holds it
 
 
 class Batch(msgspec.Struct, frozen=True, eq=False):
@@ -159,6 +161,7 @@ def after(batch: Batch) -> Before:
         words=batch.words[-1] if batch.words else (),
         leads=batch.before.leads if last is None else last.leads,
         yields=batch.before.yields if last is None else last.yields,
+        gaps=batch.before.gaps if last is None else last.gaps,
     )
 
 
@@ -173,6 +176,7 @@ def corners(batch: Batch, trail: int) -> tuple[Rows, Floats]:
 def _company(record: TickRecord, rows: Mapping[str, int], selected: int | None) -> Company:
     claims: list[Leadership] = []  # of a robot about itself
     yields: list[tuple[int, int]] = []
+    gaps: list[tuple[int, bool]] = []
     living = -1
     for row, robot in enumerate(record.robots):
         beacon = robot.beacon
@@ -187,6 +191,8 @@ def _company(record: TickRecord, rows: Mapping[str, int], selected: int | None) 
             claims.append(claim)
         if other is not None and other in rows:
             yields.append((row, rows[other]))
+        if beacon.passage is not None:
+            gaps.append((row, beacon.passage.holds))
     if len(claims) > 1:
         claims.sort(key=leadership_order)
     focus = rows[claims[0].name] if claims else max(living, 0)
@@ -196,6 +202,7 @@ def _company(record: TickRecord, rows: Mapping[str, int], selected: int | None) 
         leads=tuple([(claim.name, claim.term) for claim in claims]),
         focus=focus,
         yields=tuple(yields),
+        gaps=tuple(gaps),
     )
 
 

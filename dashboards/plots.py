@@ -133,14 +133,15 @@ def events(batch: Batch) -> Iterator[Drawing]:
     lines: list[tuple[int, str, str]] = []
     for row, record in enumerate(batch.records):
         lines += _told(row, record)
-    leads, yields = batch.before.leads, dict(batch.before.yields)
+    leads, yields, gaps = batch.before.leads, dict(batch.before.yields), dict(batch.before.gaps)
     for row, company in zip(batch.detail.tolist(), batch.companies, strict=True):
         if company.leads != leads and (company.leads or leads):
             lines.append((row, f"leader: {lead_text(company.leads)}", "INFO"))
         leads = company.leads
         if len(batch.rows) <= STATE_ROBOTS_MAX:
             lines += _right_of_way(batch, row, yields, dict(company.yields))
-            yields = dict(company.yields)
+            lines += _gaps(batch, row, gaps, dict(company.gaps))
+            yields, gaps = dict(company.yields), dict(company.gaps)
     if lines:
         lines.sort(key=lambda line: line[0])
         rows, texts, levels = zip(*lines, strict=True)
@@ -162,6 +163,17 @@ def _right_of_way(
             yield row, f"{names[who]} yields to {names[whom]}", RIGHT_OF_WAY
     for who in before.keys() - now.keys():
         yield row, f"{names[who]} goes on", RIGHT_OF_WAY
+
+
+def _gaps(
+    batch: Batch, row: int, before: Mapping[int, bool], now: Mapping[int, bool]
+) -> Iterator[tuple[int, str, str]]:
+    names = list(batch.rows)
+    for who, holds in now.items():
+        if before.get(who) != holds:
+            yield row, f"{names[who]} {'holds' if holds else 'claims'} a gap", RIGHT_OF_WAY
+    for who in before.keys() - now.keys():
+        yield row, f"{names[who]} is through its gap", RIGHT_OF_WAY
 
 
 def event_text(event: Event) -> str:

@@ -74,8 +74,8 @@ class PriorityRow(msgspec.Struct, frozen=True, kw_only=True):
 
     yields: int
     waiting_s_max: float
-    grants: int | None  # of controllers that grant passages
-    double_grants: int | None
+    grants: int  # of passages that two cannot pass in
+    double_grants: int  # to two of opposite directions at once
     guard_interventions: int  # times a guard began to hold a robot back
 
 
@@ -210,8 +210,8 @@ def summary(score: Score, facts: Facts) -> Summary:
         priority=PriorityRow(
             yields=sum(row.yields for row in rows),
             waiting_s_max=max(row.waiting_s for row in rows),
-            grants=None,
-            double_grants=None,
+            grants=score.grants,
+            double_grants=score.double_grants,
             guard_interventions=score.guard_interventions,
         ),
         leaders=[LeaderRow(tick=tick, name=one.name, term=one.term) for tick, one in score.leaders],

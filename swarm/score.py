@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from swarm import geometry
+from swarm import geometry, passages
 from swarm.geometry import Vec2
 from swarm.messages import Beacon, Leadership, RobotRecord, Slot, TickRecord
 from swarm.scenario import Scenario
@@ -83,6 +83,10 @@ class Score(msgspec.Struct, eq=False):
     tick: int = -1
     commands_total: int = 0
     guard_interventions: int = 0
+    grants: int = 0
+    double_grants: int = 0
+    holders: frozenset[int] = frozenset()  # rows of those that hold a passage
+    against: frozenset[tuple[int, int]] = frozenset()  # pairs of them, in opposite directions
     faults_failed: int = 0  # injected, but nobody delivered them
     clearance_obstacle_m: float = inf
     clearance_robot_m: float = inf
@@ -146,6 +150,7 @@ def observe(score: Score, record: TickRecord) -> None:
     _observe_bodies(score, record.robots)
     _observe_clearances(score)
     _observe_guards(score, record)
+    _observe_passages(score, record.robots)
     _observe_leadership(score, record.robots)
     _observe_errors(score, record.robots)
     _observe_recovery(score, record.robots)
@@ -290,6 +295,29 @@ def _observe_guards(score: Score, record: TickRecord) -> None:
         held_back = command.trace.limited_by != ""
         score.guard_interventions += held_back and not tally.held_back
         tally.held_back = held_back
+
+
+def _observe_passages(score: Score, robots: tuple[RobotRecord, ...]) -> None:
+    """Grants of passages, and those to two of opposite directions at once."""
+    held = {
+        row: robot.beacon.passage
+        for row, robot in enumerate(robots)
+        if robot.alive
+        and robot.beacon is not None
+        and robot.beacon.passage is not None
+        and robot.beacon.passage.holds
+    }
+    if not held and not score.holders:
+        return
+    against = frozenset(
+        (row, other)
+        for row, mine in held.items()
+        for other, theirs in held.items()
+        if row < other and passages.same_line(mine, theirs.mouth, theirs.axis) < passages.OPPOSITE
+    )
+    score.grants += len(held.keys() - score.holders)
+    score.double_grants += len(against - score.against)
+    score.holders, score.against = frozenset(held), against
 
 
 def _observe_leadership(score: Score, robots: tuple[RobotRecord, ...]) -> None:

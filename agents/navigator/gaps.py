@@ -20,6 +20,7 @@ from agents.navigator.table import RADIUS
 from agents.peers import Peer
 from swarm.geometry import Floats, Vec2, length
 from swarm.messages import Name, Passage
+from swarm.passages import OPPOSITE, SAME, of_axis, same_line
 
 # Of a gap: wider than a body by this, narrower than two by that.
 SLACK_M, TWO_ABREAST_M = 0.15, 0.25
@@ -35,9 +36,6 @@ INSIDE_M = 0.35  # nearer to the mouth than this it cannot give a passage back
 ZONE_M = 4.6  # a gap is followed so far along its axis
 CLEAR_M = 0.3  # beyond its end
 FAR_M = 4.2  # a mouth further away is forgotten
-# Two claims mean the same gap.
-ALONG_M, LATERAL_M, LATERAL_SHARE = 6.5, 0.6, 0.25
-OPPOSITE, SAME = -0.5, 0.7  # product of the axes
 # Grants.
 ANNOUNCED_TICKS = 6  # an opposite claimant has heard of it by then, whatever was lost
 NEAR_M, NEAR_FOLLOWER_M = 1.7, 3.2
@@ -209,23 +207,6 @@ def hearsay(others: Sequence[Peer], position: Vec2, path: Floats) -> Passage | N
         if float(along) > 0.0:
             best, best_m = claim, away_m
     return best
-
-
-def of_axis(mine: Passage, place: Vec2) -> tuple[float, float]:
-    """How far a place lies beyond the mouth along the axis, and to the left of it."""
-    x_m, y_m = place[0] - mine.mouth[0], place[1] - mine.mouth[1]
-    return (
-        x_m * mine.axis[0] + y_m * mine.axis[1],
-        y_m * mine.axis[0] - x_m * mine.axis[1],
-    )
-
-
-def same_line(mine: Passage, mouth: Vec2, axis: Vec2) -> float:
-    """Product of the axes where a claim lies on the line of one's own, 0.0 elsewhere."""
-    along_m, aside_m = of_axis(mine, mouth)
-    if abs(along_m) > ALONG_M or abs(aside_m) >= LATERAL_M + LATERAL_SHARE * abs(along_m):
-        return 0.0
-    return mine.axis[0] * axis[0] + mine.axis[1] * axis[1]
 
 
 def same_gap(mine: Passage, peer: Peer) -> Other | None:

@@ -12,7 +12,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from swarm import geometry
 from swarm.geometry import Twist
+from swarm.messages import Intent
 from swarm.run.why import Force, Heard, Why
 
 PICTURE_COLUMNS_MAX = 72
@@ -247,7 +249,9 @@ def _aside(bearing_rad: float) -> str:
 
 
 def _peers(heard: Sequence[Heard]) -> Table:
-    table = _table("PEER", "AGE, TICKS", "MODE", "DISTANCE", "DIRECTION", "PASSES", "YIELDS TO")
+    table = _table(
+        "PEER", "AGE, TICKS", "MODE", "DISTANCE", "DIRECTION", "PASSES", "YIELDS TO", "A GAP"
+    )
     for one in heard:
         table.add_row(
             one.name,
@@ -257,8 +261,16 @@ def _peers(heard: Sequence[Heard]) -> Table:
             side(one.bearing_rad),
             "first" if one.passes_first else "after",
             one.yields_to or "",
+            "" if one.passage is None else "holds" if one.passage.holds else "wants",
         )
     return table
+
+
+def _towards(found: Why, intent: Intent) -> str:
+    if intent.target is None:
+        return ""
+    bearing_rad = geometry.bearing(found.pose, *intent.target) - found.pose.yaw_rad
+    return f", to a point {side(geometry.wrap_angle(bearing_rad))}"
 
 
 def _right_of_way(found: Why) -> list[str]:
@@ -267,6 +279,14 @@ def _right_of_way(found: Why) -> list[str]:
     lines.append(
         f"  it waited for {found.yields_to}" if found.yields_to else "  it waited for nobody"
     )
+    if (passage := found.passage) is not None:
+        lines.append(
+            f"  it {'held' if passage.holds else 'wanted'} the gap at "
+            f"({passage.mouth[0]:.2f}, {passage.mouth[1]:.2f}), claimed at tick {passage.since}"
+        )
+    if (intent := found.intent) is not None:
+        speed_mps = geometry.length(*intent.velocity)
+        lines.append(f"  it told that it meant to go {speed_mps:.2f} m/s{_towards(found, intent)}")
     leadership = found.leadership
     if leadership is None:
         lines.append("  it followed nobody")

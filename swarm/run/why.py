@@ -15,7 +15,17 @@ import msgspec
 
 from swarm import errors, geometry, movers, recording, scenario
 from swarm.geometry import Pose, Twist, Vec2
-from swarm.messages import Beacon, Command, Event, FrameRecord, Leadership, Slot, TickRecord
+from swarm.messages import (
+    Beacon,
+    Command,
+    Event,
+    FrameRecord,
+    Intent,
+    Leadership,
+    Passage,
+    Slot,
+    TickRecord,
+)
 from swarm.run.replay import Beacons, history_ticks, misfit
 from swarm.scenario import Scenario
 
@@ -74,6 +84,7 @@ class Heard(msgspec.Struct, frozen=True):
     claim: tuple[int, ...]
     passes_first: bool  # its claim is better than this robot's
     yields_to: str | None
+    passage: Passage | None  # that it claims or holds
 
 
 class Passing(msgspec.Struct, frozen=True):
@@ -128,6 +139,8 @@ class Why(msgspec.Struct, frozen=True, kw_only=True):
     # Whom it heeded.
     claim: tuple[int, ...]
     yields_to: str | None
+    passage: Passage | None  # that it claimed or held
+    intent: Intent | None  # where it told that it wanted to go
     leadership: Leadership | None
     leader_age_s: float | None  # since the leader's newest sign of life, whoever passed it on
     fit: bool  # whether it would lead
@@ -308,6 +321,8 @@ def _why(plan: Scenario, moment: _Moment, frame: FrameRecord, name: str) -> Why:
         else Tracking(beacon.slot, beacon.bearing_now_rad, *trace.error, trace.gains),
         claim=claim,
         yields_to=None if beacon is None else beacon.yields_to,
+        passage=None if beacon is None else beacon.passage,
+        intent=None if beacon is None else beacon.intent,
         leadership=None if beacon is None else beacon.leadership,
         leader_age_s=None
         if beacon is None or beacon.leader_tick is None
@@ -366,6 +381,7 @@ def _heard(
             claim=one.priority,
             passes_first=one.priority < claim,
             yields_to=one.yields_to,
+            passage=one.passage,
         )
         for one in moment.heard
     )

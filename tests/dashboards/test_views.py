@@ -14,7 +14,7 @@ import rerun as rr
 from dashboards import batches, plots, stage, states, views
 from swarm import faults, geometry, messages, metrics
 from swarm.faults import ProcessFault
-from swarm.messages import Event, TickRecord
+from swarm.messages import Event, Passage, TickRecord
 from swarm.scenario import Obstacle, Scenario
 
 MakeTicks = Callable[..., tuple[TickRecord, ...]]
@@ -317,6 +317,21 @@ def test_an_arrow_leads_from_who_waits_to_whom_it_waits_for_and_goes_again(
     words = drawn["robots/robot3"].columns[0].as_arrow_array().flatten().to_pylist()
     assert words[0].endswith(", yields")
     assert not words[1].endswith(", yields")
+
+
+def test_claims_to_gaps_are_told_when_they_change(
+    made_ticks: MakeTicks, made_scenario: MakeScenario
+) -> None:
+    ticks = list(made_ticks(3, 4))
+    wants = Passage(False, (1.0, 2.0), (1.0, 0.0), 1)
+    ticks[1] = said(ticks[1], 1, passage=wants)
+    ticks[2] = said(ticks[2], 1, passage=msgspec.structs.replace(wants, holds=True))
+    lines = event_lines(draw(made_scenario(3), ticks))
+    assert [text for text, _ in lines if "gap" in text] == [
+        "robot2 claims a gap",
+        "robot2 holds a gap",
+        "robot2 is through its gap",
+    ]
 
 
 def test_links_tell_who_hears_whom_one_way_in_another_colour(

@@ -18,6 +18,7 @@ from swarm.messages import (
     Event,
     Leadership,
     Mode,
+    Passage,
     RobotRecord,
     Slot,
     TickRecord,
@@ -56,6 +57,7 @@ def beacon(
     goal: tuple[float, float] | None = None,
     yields_to: str | None = None,
     silent: bool = False,
+    passage: Passage | None = None,
 ) -> Beacon:
     return Beacon(
         name,
@@ -74,6 +76,7 @@ def beacon(
         goal=goal,
         formation_heading_rad=heading_rad,
         yields_to=yields_to,
+        passage=passage,
     )
 
 
@@ -237,8 +240,42 @@ def test_summary_is_null_where_nothing_applies() -> None:
     assert result.wall_time_s is None
     assert result.real_time_factor is None
     assert result.recording is None
-    assert result.priority.grants is None
+    assert (result.priority.grants, result.priority.double_grants) == (0, 0)
     assert b"Infinity" not in msgspec.json.encode(result)
+
+
+# --- gaps ---------------------------------------------------------------------------------------
+
+
+def test_grants_of_gaps_are_counted_and_those_to_both_sides_at_once() -> None:
+    film = Film(PAIR)
+    there, back, elsewhere = (
+        Passage(True, (2.0, 0.0), (1.0, 0.0), 3),
+        Passage(True, (2.8, 0.1), (-1.0, 0.0), 5),
+        Passage(True, (2.0, 9.0), (-1.0, 0.0), 5),
+    )
+    wants = msgspec.structs.replace(there, holds=False)
+
+    def shoot(one: Passage | None, other: Passage | None, times: int = 1) -> None:
+        film.shoot(
+            body(0.0, 0.0, beacon("a", 0, passage=one)),
+            body(0.0, -2.0, beacon("b", 0, passage=other)),
+            times=times,
+        )
+
+    def counted() -> tuple[int, int]:
+        priority = film.summary.priority
+        return priority.grants, priority.double_grants
+
+    shoot(wants, None, 3)
+    assert counted() == (0, 0)
+    shoot(there, elsewhere, 3)
+    assert counted() == (2, 0)
+    shoot(there, back, 3)
+    assert counted() == (2, 1)
+    shoot(None, back)
+    shoot(there, back)
+    assert counted() == (3, 2)
 
 
 # --- arriving -----------------------------------------------------------------------------------
