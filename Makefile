@@ -23,6 +23,7 @@ setup: .venv/installed
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and "expected python3 3.11 or newer, got %d.%d; try make PYTHON=python3.12" % v[:2])'
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint deploy/constraints.txt --editable '.[test]'
+	@$(BIN)/python -c 'from agents.navigator import warm; warm.up()'  # compiles its inner loops, once
 	@touch $@
 
 demo: setup

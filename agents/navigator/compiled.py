@@ -13,9 +13,12 @@ from __future__ import annotations
 
 import importlib.resources
 import importlib.util
+import os
+import tempfile
 import zlib
 from collections.abc import Callable, Sequence
 from functools import cache
+from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
@@ -69,8 +72,21 @@ def _numba() -> Any:
     sources = sorted((part.name, part) for part in folder.iterdir() if part.name.endswith(".py"))
     version = zlib.crc32(b"".join(part.read_bytes() for _, part in sources))
     config: Any = numba.config
-    config.CACHE_DIR = str(folder.joinpath("__pycache__", f"compiled-{version:08x}"))
+    config.CACHE_DIR = str(_cache(Path(str(folder))) / f"compiled-{version:08x}")
     return numba
+
+
+def _cache(folder: Path) -> Path:
+    """Where machine code is kept: beside the sources, or where they cannot be written, at home."""
+    if os.access(folder, os.W_OK):
+        return folder / "__pycache__"
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    kept = Path(home) / "msam-swarm"
+    try:
+        kept.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="msam-swarm-"))
+    return kept
 
 
 if importlib.util.find_spec("numba") is None:

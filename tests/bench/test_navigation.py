@@ -44,7 +44,7 @@ from world import scene, simulation
 
 END_S = 30.0
 FAMILIES = (*navigation.FAMILIES, *(name for some in navigation.VARIANTS.values() for name in some))
-RUNS_TINY = len(FAMILIES) * len(navigation.CONTROLLERS)
+RUNS_TINY = len(FAMILIES)
 PLAIN = (*encounters.groups(), *obstacles.groups(), *moving.groups())
 EVERY = (*PLAIN, *disturbed.groups(PLAIN), *stops.groups(PLAIN))
 
@@ -77,13 +77,12 @@ def folder(tmp_path: Path) -> Path:
 def test_bench_navigation_shows_every_family_and_its_worst_runs_when_tiny(folder: Path) -> None:
     out = folder / "worst"
     result = commands.swarm(
-        folder, *f"bench navigation --tiny --json --data {folder} --out {out}".split()
+        folder,
+        *f"bench navigation --tiny --controllers navigator --json --data {folder} --out {out}".split(),
     )
     assert result.returncode == 0, result.stderr
     found = msgspec.json.decode(result.stdout, type=rows.Navigation, strict=True)
-    assert [row.family for row in found.rows] == [
-        family for family in FAMILIES for _ in navigation.CONTROLLERS
-    ]
+    assert [row.family for row in found.rows] == list(FAMILIES)
     assert len(found.runs) == len(found.rows) == RUNS_TINY
     assert found.skipped == ()
     assert all(row.runs == 1 and row.met is None for row in found.rows)
