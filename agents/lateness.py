@@ -26,16 +26,21 @@ class State(msgspec.Struct, frozen=True):
     late_ticks: int = 0
 
 
-def step(state: State, twist: Twist, elapsed_ticks: int) -> State:
+def step(state: State, twist: Twist, elapsed_ticks: int, least_ticks: int = 0) -> State:
     """Lateness at this tick. What it was taken for is kept as long as it explains what is seen.
 
     Args:
         twist: measured; on time it is the last set-point.
         elapsed_ticks: since the last frame; whoever missed some knows nothing of the time between.
+        least_ticks: what is declared for all; it is not less.
     """
     if elapsed_ticks != 1:
         return State(late_ticks=state.late_ticks)
-    fitting = [ticks for ticks, sent in enumerate(state.sent) if _is_same(sent, twist)]
+    fitting = [
+        ticks
+        for ticks, sent in enumerate(state.sent)
+        if ticks >= least_ticks and _is_same(sent, twist)
+    ]
     if not fitting or state.late_ticks in fitting:
         return state
     return State(state.sent, fitting[0])

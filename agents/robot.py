@@ -104,6 +104,7 @@ def init(setup: RobotSetup, incarnation: int = 0) -> State:
         ),
         mission=Mission(robot.goal, robot.via) if knows else None,
         following=follow.init(setup),
+        lateness=lateness.State(late_ticks=setup.disturbance.latency_ticks),
     )
 
 
@@ -119,7 +120,12 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
 
     late = state.lateness
     if setup.robot.motion == "kinematic":  # what motors with torques do lags without being late
-        late = lateness.step(late, frame.twist, frame.tick - state.tick)
+        declared = setup.disturbance.latency_ticks
+        late = lateness.step(late, frame.twist, frame.tick - state.tick, declared)
+    drives = role_of(setup, state) == "alone" and setup.robot.controller == "navigator"
+    if drives:
+        navigating, frame = navigator.locate(setup, state.navigating, frame)
+        state = msgspec.structs.replace(state, navigating=navigating)
 
     # 1. Hear: newest beacons, moved on to this tick; who leads, where to.
     sane = is_sane(frame)
@@ -154,7 +160,6 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
             wish = msgspec.structs.replace(wish, mode="HOLD", reason="motors")
 
     # 4. Give way, slew, guard.
-    navigates = role == "alone" and setup.robot.controller == "navigator"
     claim = priority.claim(role, state.slot, setup.row)
     waiting = priority.step(
         setup,
@@ -164,11 +169,11 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         frame.pose,
         frame.twist,
         wish.direction_rad(frame.pose.yaw_rad),
-        others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") and not navigates else (),
+        others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") and not drives else (),
         elapsed_s,
     )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
-    if navigates:
+    if drives:
         bodies = [peer for peer in others if peer.beacon.promise or is_masked(setup, role, peer)]
         unsure = wish.reason in ("contact", "sensors") or not is_finite(asked)
         navigating, set_point, allowed = navigator.hold(
@@ -192,8 +197,8 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     )
 
     # 5. Say.
-    said = beacon(setup, state, role, claim, others, frame, wish)
-    if navigates:
+    said = beacon(setup, state, role, claim, others, frame, wish, late)
+    if drives:
         state = msgspec.structs.replace(
             state, navigating=navigator.send(setup, state.navigating, said)
         )
@@ -577,6 +582,7 @@ def beacon(
     others: list[Peer],
     frame: SensorFrame,
     wish: Wish,
+    late: lateness.State,
 ) -> Beacon:
     """What this robot tells its peers about itself.
 
@@ -590,12 +596,13 @@ def beacon(
     elected = state.election
     followed = election.is_followed(elected, patience_ticks(setup))
     drives = role == "alone" and robot.controller == "navigator"
-    keeps = state.lateness.late_ticks == 0 and wish.reason not in ("motors", "contact", "sensors")
+    keeps = wish.reason not in ("motors", "contact", "sensors")
+    promise = navigator.promise(setup, frame, late) if drives and keeps else None
     return Beacon(
         name=robot.name,
         tick=frame.tick,
         incarnation=state.incarnation,
-        pose=frame.pose,
+        pose=navigator.place(state.navigating, frame) if drives else frame.pose,
         twist=STILL if wish.reason == "motors" else state.command,
         body_radius_m=robot.body_radius_m,
         speed_mps_max=robot.speed_mps_max,
@@ -614,7 +621,7 @@ def beacon(
         formation_turn_rate_radps=state.formation_turn_rate_radps if leads else 0.0,
         yields_to=state.navigating.yields_to if drives else state.waiting.yields_to,
         reason=wish.reason,
-        promise=navigator.promise(setup) if drives and keeps else None,
+        promise=promise,
         intent=state.navigating.intent if drives else None,
         passage=state.navigating.giving.passage if drives else None,
     )

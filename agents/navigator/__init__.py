@@ -6,6 +6,7 @@
 
 Each stage is a module of pure functions; what must be remembered is in one State.
 
+estimate  pose shown, wheels -> pose believed in
 law       clearance -> speed and cost, the same for all stages
 predict   pose and twist at which what is decided now takes effect
 memory    hits -> points in a window -> distances       (points: its inner loops)
@@ -29,6 +30,7 @@ from agents.guard import Limit, share
 from agents.navigator import (
     brake,
     cells,
+    estimate,
     forces,
     memory,
     pact,
@@ -45,11 +47,11 @@ from agents.navigator.way import Way
 from agents.peers import Peer
 from agents.steering import Wish
 from swarm import geometry
-from swarm.geometry import Floats, Twist, Vec2
+from swarm.geometry import Floats, Pose, Twist, Vec2
 from swarm.messages import Beacon, Intent, Mode, Name, Promise, Reason, SensorFrame
 from swarm.scenario import RobotSetup
 
-__all__ = ["Aim", "State", "hold", "promise", "redirect", "send", "step"]
+__all__ = ["Aim", "State", "hold", "locate", "place", "promise", "redirect", "send", "step"]
 
 # A robot that stands for so long where nothing holds it, slower than this, doubts what it
 # remembers nearby: the first time within so much, then within twice and thrice that, and again.
@@ -98,11 +100,28 @@ class State(msgspec.Struct, frozen=True):
     intent: Intent = Intent()
     yields_to: Name | None = None
     pact: pact.State = pact.State()
+    where: estimate.State = estimate.State()
 
 
 def redirect(state: State) -> State:
     """State of a robot that has got another goal: what it knows of obstacles stays."""
-    return State(memory=state.memory, turn_sense=state.turn_sense, pact=state.pact)
+    return State(
+        memory=state.memory, turn_sense=state.turn_sense, pact=state.pact, where=state.where
+    )
+
+
+def locate(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, SensorFrame]:
+    """State and frame with the pose that is believed in: first of all in a tick."""
+    where = estimate.step(setup, state.where, frame)
+    state = msgspec.structs.replace(state, where=where)
+    if where.pose is frame.pose or where.pose is None:
+        return state, frame
+    return state, msgspec.structs.replace(frame, pose=where.pose)
+
+
+def place(state: State, frame: SensorFrame) -> Pose:
+    """Pose to announce."""
+    return state.where.pose or frame.pose
 
 
 def step(
@@ -116,11 +135,13 @@ def step(
 ) -> tuple[State, Wish]:
     """One tick on the way to `setup.robot.goal` by way of its way-points."""
     seen, frame = frame, predict.ahead(setup, late, frame)
+    others = later(setup, late, frame, others)
     state, aim = look(setup, state, seen, frame, map, others, elapsed_s)
     if state.failed:
         state = msgspec.structs.replace(state, intent=Intent(), yields_to=None)
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
     rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m)
+    rows[:, table.RADIUS] += 2.0 * pact.noise_m(setup)  # the guard keeps them so much further off
     if len(rows):
         aim = straightened(setup, state, seen, frame, map, aim)
     reach_m = setup.robot.body_radius_m + max(setup.navigator.reach_m, setup.navigator.barrier_m)
@@ -444,16 +465,22 @@ def hold(
     frame = predict.ahead(setup, late, seen)
     reach_m = brake.reach_m(setup, max(abs(frame.twist.speed_mps), abs(asked.speed_mps)))
     points_m = obstacles(setup, state, seen, frame, map, reach_m)
+    others = later(setup, late, frame, others)
     promising = [peer for peer in others if peer.beacon.promise is not None]
     rest = [peer for peer in others if peer.beacon.promise is None]
     rest += peers.halted(rest, frame.pose, setup.dt_s)
-    if late.late_ticks:  # nothing can be promised; it takes its half of each gap, as others do
+    if late.late_ticks != setup.disturbance.latency_ticks:
+        # Nothing can be promised; it takes its half of each gap, as others do.
         late_s = late.late_ticks * setup.dt_s
         bodies = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
         side = 1.0 if asked.speed_mps >= 0.0 else -1.0
         most_mps = min([share(setup, peer, side, late_s=late_s) for peer in bodies], default=inf)
         asked = Twist(steering.clip(asked.speed_mps, most_mps), asked.turn_rate_radps)
         promising, rest = [], []
+    carried = frame.pose
+    if state.where.carried is not None and state.where.carried != seen.pose:
+        before = msgspec.structs.replace(seen, pose=state.where.carried)
+        carried = predict.ahead(setup, late, before).pose
     kept, held = pact.hold(
         setup,
         state.pact,
@@ -465,8 +492,11 @@ def hold(
         rest,
         points_m + np.array((frame.pose.x_m, frame.pose.y_m)) if len(points_m) else points_m,
         brake.room(setup, points_m),
+        carried,
     )
     state = msgspec.structs.replace(state, pact=kept)
+    if held is not None and not held.corrects:
+        state = msgspec.structs.replace(state, where=estimate.carry(state.where))
     if held is None:
         set_point, allowed = brake.hold(setup, frame.pose.yaw_rad, frame.twist, asked, points_m)
         return state, set_point, allowed
@@ -474,9 +504,21 @@ def hold(
     return state, held.set_point, Limit(most_mps, held.by)
 
 
-def promise(setup: RobotSetup) -> Promise | None:
-    """What a robot promises, None when it stops too slowly."""
-    return pact.promise(setup) if pact.is_kept(setup) else None
+def later(
+    setup: RobotSetup, late: lateness.State, frame: SensorFrame, others: Sequence[Peer]
+) -> list[Peer]:
+    """Peers when what is decided now takes effect, from where the robot is then."""
+    if not late.late_ticks:
+        return list(others)
+    beacons = [peer.beacon for peer in others]
+    return peers.now(beacons, frame.pose, frame.tick, setup.dt_s, late.late_ticks)
+
+
+def promise(setup: RobotSetup, frame: SensorFrame, late: lateness.State) -> Promise | None:
+    """What a robot promises, None when it stops too slowly or is later than all are."""
+    if not pact.is_kept(setup) or late.late_ticks != setup.disturbance.latency_ticks:
+        return None
+    return pact.promise(setup, predict.pending(setup, late, frame))
 
 
 def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:

@@ -2,18 +2,22 @@
 
     pose, set-point --one tick--> --braking on that curve, tick by tick--> (ticks, 2) places
 
+Motors that are so many ticks late take their set-points so much later: places are then those of so
+many ticks later, for all robots alike, and what is under way is announced.
+
 Sender and hearers compute it from the same beacon by the same function, so they know the same. It
 is what world.motion makes of a body whose set-point is followed by none, up to rounding.
 """
 
 from __future__ import annotations
 
-from math import ceil
+from math import ceil, cos, sin
 
 import numpy as np
 
 from agents.navigator.brake import slower
 from agents.navigator.compiled import compiled
+from swarm import geometry
 from swarm.geometry import Floats
 from swarm.messages import Beacon, Promise
 
@@ -86,13 +90,16 @@ def reach_m(speed_mps: float, deceleration_mps2: float, dt_s: float) -> float:
     return speed_mps * dt_s + speed_mps * speed_mps / (2.0 * deceleration_mps2)
 
 
-def row(beacon: Beacon, promise: Promise, cosine: float, sine: float, dt_s: float) -> list[float]:
-    """Row of `path` for a beacon, with the cosine and sine of its heading."""
+def row(beacon: Beacon, promise: Promise, dt_s: float) -> list[float]:
+    """Row of `path` for a beacon: from where its twists under way have taken it."""
+    pose = beacon.pose
+    for twist in promise.pending:
+        pose = geometry.advance(pose, twist, dt_s)
     return [
-        beacon.pose.x_m,
-        beacon.pose.y_m,
-        cosine,
-        sine,
+        pose.x_m,
+        pose.y_m,
+        cos(pose.yaw_rad),
+        sin(pose.yaw_rad),
         beacon.twist.speed_mps,
         beacon.twist.turn_rate_radps,
         promise.deceleration_mps2 * dt_s,

@@ -20,7 +20,7 @@ from math import cos, sin
 import msgspec
 import numpy as np
 
-from agents.navigator import announce, brake
+from agents.navigator import announce, brake, estimate
 from agents.navigator.brake import slower
 from agents.navigator.compiled import compiled
 from agents.peers import Peer
@@ -70,30 +70,44 @@ class Held(msgspec.Struct, frozen=True):
     set_point: Twist
     part: float  # of what was asked for
     by: str  # "" | "brake" | a peer's name
+    corrects: bool = True  # announced from the pose, else from the one carried
 
 
-def pad_m(setup: RobotSetup, pose_error_m: float = 0.0, clock_error_s: float = 0.0) -> float:
+def pad_m(setup: RobotSetup, clock_error_s: float = 0.0) -> float:
     """Room around a body for what is not as announced, by declared bounds.
 
     Between two ticks a straight relative way of (v_i + v_j) dt comes nearer than its ends by its
     square over 8 times the distance, of which each robot's part is at most v^2 dt^2 / (8 r), and
-    an arc leaves its chord by v dt omega dt / 8.
+    an arc leaves its chord by v dt omega dt / 8. What a body is off by when it announces its way,
+    and what it slips on that way until it stands, adds to that.
     """
     robot, dt_s = setup.robot, setup.dt_s
     step_m = robot.speed_mps_max * dt_s
     chord_m = step_m * step_m / (8.0 * robot.body_radius_m)
     arc_m = step_m * robot.turn_rate_radps_max * dt_s / 8.0
     lag_m = robot.speed_mps_max / robot.velocity_gain_1ps if robot.motion == "dynamic" else 0.0
-    return GAP_M + chord_m + arc_m + lag_m + pose_error_m + robot.speed_mps_max * clock_error_s
+    clock_m = robot.speed_mps_max * clock_error_s
+    return GAP_M + chord_m + arc_m + lag_m + clock_m + noise_m(setup)
 
 
-def promise(setup: RobotSetup) -> Promise:
-    """What this robot promises in every beacon."""
+def noise_m(setup: RobotSetup) -> float:
+    """Part of the pad that declared disturbances ask for."""
+    if not estimate.is_needed(setup):
+        return 0.0
+    robot = setup.robot
+    stop_m = announce.reach_m(robot.speed_mps_max, brake.brakes_mps2(setup), setup.dt_s)
+    stop_m += setup.disturbance.latency_ticks * robot.speed_mps_max * setup.dt_s
+    return estimate.error_m(setup) + estimate.slip(setup) * stop_m
+
+
+def promise(setup: RobotSetup, pending: tuple[Twist, ...] = ()) -> Promise:
+    """What this robot promises in every beacon, with its twists under way."""
     robot = setup.robot
     return Promise(
         deceleration_mps2=brake.brakes_mps2(setup),
         turn_deceleration_radps2=robot.turn_acceleration_radps2_max,
         keep_m=robot.body_radius_m + pad_m(setup),
+        pending=pending,
     )
 
 
@@ -110,8 +124,7 @@ def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:
     """State after a beacon went out; what was sent before a missed tick is not to be relied on."""
     if beacon.promise is None:
         return State(tick=beacon.tick)
-    pose = beacon.pose
-    row = announce.row(beacon, beacon.promise, cos(pose.yaw_rad), sin(pose.yaw_rad), setup.dt_s)
+    row = announce.row(beacon, beacon.promise, setup.dt_s)
     before = state.sent if beacon.tick == state.tick + 1 else ()
     return State(beacon.tick, (tuple(row), *before)[:SENT_MAX], state.links)
 
@@ -127,10 +140,14 @@ def hold(
     statics: Sequence[Peer],
     points: Floats,
     room_m: float,
+    carried: Pose | None = None,
 ) -> tuple[State, Held | None]:
     """Set-point that keeps what was promised, None where nobody is near.
 
     Args:
+        pose, twist: when the set-point takes effect.
+        carried: likewise, where the pose announced before has got to; None: the same. Who only
+            brakes as announced goes on from there.
         others: peers that promise, heard lately.
         statics: those that do not, each where it is believed to be; they get half of the gap.
         points: (n, 2) m, world: obstacles, those near enough to matter.
@@ -139,16 +156,11 @@ def hold(
     robot, dt_s = setup.robot, setup.dt_s
     mine = promise(setup)
     brakes = (mine.deceleration_mps2, mine.turn_deceleration_radps2)
-    body = [
-        pose.x_m,
-        pose.y_m,
-        cos(pose.yaw_rad),
-        sin(pose.yaw_rad),
-        twist.speed_mps,
-        twist.turn_rate_radps,
-        brakes[0] * dt_s,
-        brakes[1] * dt_s,
-    ]
+    rates = (twist.speed_mps, twist.turn_rate_radps, brakes[0] * dt_s, brakes[1] * dt_s)
+    body, start = (
+        [one.x_m, one.y_m, cos(one.yaw_rad), sin(one.yaw_rad), *rates]
+        for one in (carried or pose, pose)
+    )
     count = announce.ticks(robot.speed_mps_max, brakes[0], dt_s)
     reach_m = announce.reach_m(robot.speed_mps_max, brakes[0], dt_s)
     rows: list[list[float]] = []
@@ -165,8 +177,7 @@ def hold(
         near_m += announce.reach_m(fastest_mps, given.deceleration_mps2, dt_s)
         if peer.distance_m > near_m:
             continue
-        yaw_rad = beacon.pose.yaw_rad
-        row = announce.row(beacon, given, cos(yaw_rad), sin(yaw_rad), dt_s)
+        row = announce.row(beacon, given, dt_s)
         link = known.get(beacon.name)
         fresh = link is None or link.tick < beacon.tick
         rows.append([*row, mine.keep_m + given.keep_m, age, PROMISED, float(fresh)])
@@ -190,9 +201,10 @@ def hold(
         before = np.frombuffer(link.slack)[1:][:count]  # a tick has passed
         slack[number, : len(before)] = before
         slack[number, len(before) :] = before[-1] if len(before) else 0.0
-    result = np.zeros(4)
+    result = np.zeros(5)
     admit(
         np.array(body),
+        np.array(start),
         np.array(sent or [body]),
         len(sent),
         np.array((robot.speed_mps_max, robot.speed_mps_reverse_max, robot.turn_rate_radps_max)),
@@ -205,6 +217,7 @@ def hold(
         points,
         room_m,
         dt_s,
+        1.0 + setup.disturbance.speed_error,
         _PARTS,
         result,
     )
@@ -220,6 +233,7 @@ def hold(
         Twist(float(result[0]), float(result[1])),
         float(result[2]),
         "" if by == BY_NONE else "brake" if by == BY_OBSTACLE else names[by],
+        corrects=result[4] > 0.0,
     )
 
 
@@ -257,6 +271,7 @@ def reached(
 @compiled
 def admit(
     body: Floats,
+    start: Floats,
     sent: Floats,
     sent_count: int,
     most: Floats,
@@ -269,13 +284,15 @@ def admit(
     points: Floats,
     room_m: float,
     dt_s: float,
+    faster: float,
     parts: Floats,
     result: Floats,
 ) -> None:
     """First part of what is asked for whose braking way is admitted, else braking as announced.
 
     Args:
-        body: (COLUMNS,) of `announce.path`: as measured.
+        body: (COLUMNS,) of `announce.path`: as its wheels say since what it announced.
+        start: likewise, corrected by what was measured: what it announces if it goes on.
         sent: (n, COLUMNS) own beacons of the last ticks, newest first; `sent_count` of them.
         most: (3,) bounds of the rates.
         change: (2,) greatest change of both in a tick.
@@ -283,7 +300,8 @@ def admit(
         slack: (peers, ticks) m, surely free at the coming ticks, negative where nothing is known;
             filled with what is after this tick.
         points: (points, 2) m, world; `room_m`: no nearer to them, or no nearer than now.
-        result: (4,) v, omega, part, and by whom it is less than one.
+        faster: so many times as far as announced the body may get before obstacles.
+        result: (5,) v, omega, part, by whom it is less than one, whether from `start`.
     """
     ticks = slack.shape[1]
     count = peers.shape[0]
@@ -303,7 +321,7 @@ def admit(
     if not on_way:
         trial[4], trial[5] = v, w
         announce.path(trial, dt_s, 0, own[0])
-    result[0], result[1], result[2], result[3] = v, w, 0.0, BY_NONE
+    result[0], result[1], result[2], result[3], result[4] = v, w, 0.0, BY_NONE, 0.0
 
     # What each peer allows at each tick: along a normal, or in all directions.
     normals = np.zeros((count, ticks, 2))
@@ -340,14 +358,14 @@ def admit(
                 bounds[peer, tick] = 0.25 * least_m
 
     # Obstacles within reach of the fastest braking way.
-    fastest_mps = max(abs(body[4]), abs(asked_v_mps)) + change[0]
+    fastest_mps = faster * (max(abs(body[4]), abs(asked_v_mps)) + change[0])
     reach_m = room_m + fastest_mps * dt_s * 2.0
-    reach_m += fastest_mps * fastest_mps * dt_s / (2.0 * body[6])
+    reach_m += fastest_mps * fastest_mps * dt_s / (2.0 * faster * body[6])
     near = np.empty((points.shape[0], 2))
     keeps2_m2 = np.empty(points.shape[0])
     nears = 0
     for point in range(points.shape[0]):
-        x_m, y_m = points[point, 0] - body[0], points[point, 1] - body[1]
+        x_m, y_m = points[point, 0] - start[0], points[point, 1] - start[1]
         apart2_m2 = x_m * x_m + y_m * y_m
         if apart2_m2 < reach_m * reach_m:
             near[nears, 0], near[nears, 1] = points[point, 0], points[point, 1]
@@ -355,6 +373,7 @@ def admit(
             nears += 1
 
     way = np.empty((ticks, 2))
+    longer = np.empty((ticks, 2))
     last = parts.shape[0]
     blamed = BY_NONE
     for number in range(last + 1):
@@ -366,15 +385,28 @@ def admit(
             )
         else:
             v, w = slower(body[4], body[5], body[6], body[7])
+        for column in range(4):
+            trial[column] = start[column] if number < last else body[column]
         trial[4], trial[5] = v, w
         announce.path(trial, dt_s, 0, way)
         if number < last:
-            by = refused(way, body, own[0], peers, normals, bounds, near[:nears], keeps2_m2)
+            by = refused_by_peers(way, body, own[0], peers, normals, bounds)
+            if by == BY_NONE and nears > 0:
+                if faster == 1.0:
+                    longer[:] = way
+                else:
+                    for column in range(4, announce.COLUMNS):
+                        trial[column] *= faster
+                    announce.path(trial, dt_s, 0, longer)
+                    for column in range(6, announce.COLUMNS):
+                        trial[column] = body[column]
+                by = refused_by_points(longer, start, near[:nears], keeps2_m2)
             if by != BY_NONE:
                 if blamed == BY_NONE:
                     blamed = by
                 continue
         result[0], result[1], result[2], result[3] = v, w, part, blamed
+        result[4] = 1.0 if number < last else 0.0
         break
 
     # What is surely free from now on.
@@ -390,17 +422,10 @@ def admit(
 
 
 @compiled
-def refused(
-    way: Floats,
-    body: Floats,
-    own: Floats,
-    peers: Floats,
-    normals: Floats,
-    bounds: Floats,
-    points: Floats,
-    keeps2_m2: Floats,
+def refused_by_peers(
+    way: Floats, body: Floats, own: Floats, peers: Floats, normals: Floats, bounds: Floats
 ) -> int:
-    """Row of the peer that a braking way comes too near to, BY_OBSTACLE, or BY_NONE."""
+    """Row of the peer that a braking way comes too near to, or BY_NONE."""
     for peer in range(peers.shape[0]):
         static = peers[peer, KIND] == STATIC
         for tick in range(way.shape[0]):
@@ -417,8 +442,14 @@ def refused(
                     return peer
             elif x_m * x_m + y_m * y_m > bound_m * bound_m:
                 return peer
+    return BY_NONE
+
+
+@compiled
+def refused_by_points(way: Floats, start: Floats, points: Floats, keeps2_m2: Floats) -> int:
+    """BY_OBSTACLE where a braking way comes too near to a point, or BY_NONE."""
     for point in range(points.shape[0]):
-        from_x, from_y = body[0], body[1]
+        from_x, from_y = start[0], start[1]
         for tick in range(way.shape[0]):
             to_x, to_y = way[tick, 0], way[tick, 1]
             along_x, along_y = to_x - from_x, to_y - from_y
