@@ -597,7 +597,9 @@ def beacon(
     followed = election.is_followed(elected, patience_ticks(setup))
     drives = role == "alone" and robot.controller == "navigator"
     keeps = wish.reason not in ("motors", "contact", "sensors")
-    promise = navigator.promise(setup, frame, late) if drives and keeps else None
+    promise = None
+    if drives and keeps:
+        promise = navigator.promise(setup, state.navigating, frame, late, state.command)
     return Beacon(
         name=robot.name,
         tick=frame.tick,

@@ -141,7 +141,9 @@ def step(
         state = msgspec.structs.replace(state, intent=Intent(), yields_to=None)
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
     rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m)
-    rows[:, table.RADIUS] += 2.0 * pact.noise_m(setup)  # the guard keeps them so much further off
+    rows[:, table.RADIUS] += 2.0 * estimate.error_m(
+        setup
+    )  # the guard keeps them so much further off
     if len(rows):
         aim = straightened(setup, state, seen, frame, map, aim)
     reach_m = setup.robot.body_radius_m + max(setup.navigator.reach_m, setup.navigator.barrier_m)
@@ -492,7 +494,9 @@ def hold(
         rest,
         points_m + np.array((frame.pose.x_m, frame.pose.y_m)) if len(points_m) else points_m,
         brake.room(setup, points_m),
+        state.where,
         carried,
+        predict.pending(setup, late, seen),
     )
     state = msgspec.structs.replace(state, pact=kept)
     if held is not None and not held.corrects:
@@ -514,11 +518,14 @@ def later(
     return peers.now(beacons, frame.pose, frame.tick, setup.dt_s, late.late_ticks)
 
 
-def promise(setup: RobotSetup, frame: SensorFrame, late: lateness.State) -> Promise | None:
+def promise(
+    setup: RobotSetup, state: State, frame: SensorFrame, late: lateness.State, set_point: Twist
+) -> Promise | None:
     """What a robot promises, None when it stops too slowly or is later than all are."""
     if not pact.is_kept(setup) or late.late_ticks != setup.disturbance.latency_ticks:
         return None
-    return pact.promise(setup, predict.pending(setup, late, frame))
+    pending = predict.pending(setup, late, frame)
+    return pact.promise(setup, set_point, state.where.doubt, pending)
 
 
 def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:

@@ -20,11 +20,13 @@ from math import cos, sin
 import msgspec
 import numpy as np
 
-from agents.navigator import announce, brake, estimate
+from agents.navigator import announce, brake
 from agents.navigator.brake import slower
 from agents.navigator.compiled import compiled
+from agents.navigator.estimate import Doubt
+from agents.navigator.estimate import State as Estimate
 from agents.peers import Peer
-from swarm.geometry import Floats, Pose, Twist
+from swarm.geometry import STILL, Floats, Pose, Twist
 from swarm.messages import Beacon, Name, Promise
 from swarm.scenario import RobotSetup
 
@@ -44,8 +46,9 @@ GAP_M = 0.02
 
 PROMISED, STATIC = 0.0, 1.0
 # Columns of a peer after those of `announce.path`
-KEEP, AGE, KIND, FRESH = (announce.COLUMNS + column for column in range(4))
+AGE, KIND, FRESH = (announce.COLUMNS + column for column in range(3))
 BY_NONE, BY_OBSTACLE = -1, -2
+NO_DOUBT = Doubt()
 
 
 class Link(msgspec.Struct, frozen=True):
@@ -74,50 +77,78 @@ class Held(msgspec.Struct, frozen=True):
 
 
 def pad_m(setup: RobotSetup, clock_error_s: float = 0.0) -> float:
-    """Room around a body for what is not as announced, by declared bounds.
+    """Room around a body for what is not as announced even where all poses are exact.
 
     Between two ticks a straight relative way of (v_i + v_j) dt comes nearer than its ends by its
     square over 8 times the distance, of which each robot's part is at most v^2 dt^2 / (8 r), and
-    an arc leaves its chord by v dt omega dt / 8. What a body is off by when it announces its way,
-    and what it slips on that way until it stands, adds to that.
+    an arc leaves its chord by v dt omega dt / 8.
     """
     robot, dt_s = setup.robot, setup.dt_s
     step_m = robot.speed_mps_max * dt_s
     chord_m = step_m * step_m / (8.0 * robot.body_radius_m)
     arc_m = step_m * robot.turn_rate_radps_max * dt_s / 8.0
     lag_m = robot.speed_mps_max / robot.velocity_gain_1ps if robot.motion == "dynamic" else 0.0
-    clock_m = robot.speed_mps_max * clock_error_s
-    return GAP_M + chord_m + arc_m + lag_m + clock_m + noise_m(setup)
+    return GAP_M + chord_m + arc_m + lag_m + robot.speed_mps_max * clock_error_s
 
 
-def noise_m(setup: RobotSetup) -> float:
-    """Part of the pad that declared disturbances ask for."""
-    if not estimate.is_needed(setup):
-        return 0.0
+def promise(
+    setup: RobotSetup,
+    set_point: Twist = STILL,
+    doubt: Doubt = NO_DOUBT,
+    pending: tuple[Twist, ...] = (),
+) -> Promise:
+    """What this robot promises in a beacon.
+
+    Args:
+        doubt: about the pose in it.
+        pending: twists under way.
+    """
     robot = setup.robot
-    stop_m = announce.reach_m(robot.speed_mps_max, brake.brakes_mps2(setup), setup.dt_s)
-    stop_m += setup.disturbance.latency_ticks * robot.speed_mps_max * setup.dt_s
-    return estimate.error_m(setup) + estimate.slip(setup) * stop_m
-
-
-def promise(setup: RobotSetup, pending: tuple[Twist, ...] = ()) -> Promise:
-    """What this robot promises in every beacon, with its twists under way."""
-    robot = setup.robot
+    brakes_mps2 = brake.brakes_mps2(setup)
+    brakes_radps2 = robot.turn_acceleration_radps2_max
+    rates = (set_point.speed_mps, set_point.turn_rate_radps)
+    body = np.array((*(0.0,) * 4, *rates, brakes_mps2 * setup.dt_s, brakes_radps2 * setup.dt_s))
     return Promise(
-        deceleration_mps2=brake.brakes_mps2(setup),
-        turn_deceleration_radps2=robot.turn_acceleration_radps2_max,
-        keep_m=robot.body_radius_m + pad_m(setup),
+        deceleration_mps2=brakes_mps2,
+        turn_deceleration_radps2=brakes_radps2,
+        keep_m=float(keep(body, _doubts(setup, doubt, pending), setup.dt_s)),
         pending=pending,
     )
 
 
+def _doubts(setup: RobotSetup, doubt: Doubt, pending: tuple[Twist, ...]) -> Floats:
+    """(6,) of `keep`."""
+    way_m = sum([abs(twist.speed_mps) * setup.dt_s for twist in pending])
+    turn_rad = sum([abs(twist.turn_rate_radps) * setup.dt_s for twist in pending])
+    room_m = setup.robot.body_radius_m + pad_m(setup) + doubt.position_m
+    share = setup.disturbance.speed_error
+    return np.array((room_m, doubt.yaw_rad, way_m, turn_rad, share, 0.0))
+
+
+@compiled
+def keep(body: Floats, doubts: Floats, dt_s: float) -> float:
+    """Room to keep around a body all the way until it stands, by declared bounds.
+
+    Its pose is off by so much already; until it stands it gets too far by the speed error, and
+    aside by what its yaw is off. Whoever just brakes keeps no more room from tick to tick: what it
+    has slipped is then in its doubts, and less of the way is left.
+
+    Args:
+        body: of `announce.path`, but for the room.
+        doubts: m around its place now, rad of its yaw; m and rad of the way under way; share by
+            which ways are longer or shorter.
+    """
+    way_m, turn_rad = announce.length(body, dt_s)
+    share = doubts[4]
+    aside = doubts[1] + share * (doubts[3] + turn_rad)
+    slip = np.sqrt(share * share + aside * aside)
+    return float(doubts[0] + slip * (doubts[2] + way_m))
+
+
 def is_kept(setup: RobotSetup) -> bool:
     """Whether this robot stops fast enough for its promise to be of use."""
-    mine = promise(setup)
-    return (
-        announce.ticks(setup.robot.speed_mps_max, mine.deceleration_mps2, setup.dt_s)
-        <= announce.TICKS_MAX
-    )
+    ticks = announce.ticks(setup.robot.speed_mps_max, brake.brakes_mps2(setup), setup.dt_s)
+    return ticks <= announce.TICKS_MAX
 
 
 def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:
@@ -140,25 +171,29 @@ def hold(
     statics: Sequence[Peer],
     points: Floats,
     room_m: float,
+    where: Estimate | None = None,
     carried: Pose | None = None,
+    pending: tuple[Twist, ...] = (),
 ) -> tuple[State, Held | None]:
     """Set-point that keeps what was promised, None where nobody is near.
 
     Args:
         pose, twist: when the set-point takes effect.
-        carried: likewise, where the pose announced before has got to; None: the same. Who only
-            brakes as announced goes on from there.
+        where: how sure it is of its poses in this tick; None: all are exact.
+        carried: when the set-point takes effect, where the pose announced before has got to; None:
+            the same. Who only brakes as announced goes on from there.
+        pending: twists until the set-point takes effect.
         others: peers that promise, heard lately.
         statics: those that do not, each where it is believed to be; they get half of the gap.
         points: (n, 2) m, world: obstacles, those near enough to matter.
         room_m: no nearer to them.
     """
     robot, dt_s = setup.robot, setup.dt_s
-    mine = promise(setup)
+    mine = promise(setup, twist, where.doubt if where else NO_DOUBT, pending)
     brakes = (mine.deceleration_mps2, mine.turn_deceleration_radps2)
     rates = (twist.speed_mps, twist.turn_rate_radps, brakes[0] * dt_s, brakes[1] * dt_s)
     body, start = (
-        [one.x_m, one.y_m, cos(one.yaw_rad), sin(one.yaw_rad), *rates]
+        [one.x_m, one.y_m, cos(one.yaw_rad), sin(one.yaw_rad), *rates, mine.keep_m]
         for one in (carried or pose, pose)
     )
     count = announce.ticks(robot.speed_mps_max, brakes[0], dt_s)
@@ -180,17 +215,18 @@ def hold(
         row = announce.row(beacon, given, dt_s)
         link = known.get(beacon.name)
         fresh = link is None or link.tick < beacon.tick
-        rows.append([*row, mine.keep_m + given.keep_m, age, PROMISED, float(fresh)])
+        rows.append([*row, age, PROMISED, float(fresh)])
         need = announce.ticks(beacon.twist.speed_mps, given.deceleration_mps2, dt_s)
         count = max(count, need)
         if link is not None:
             slacks.append((len(names), link))
         names.append(beacon.name)
     for peer in statics:
-        keep_m = mine.keep_m + peer.beacon.body_radius_m + pad_m(setup)
-        if peer.distance_m <= keep_m + 2.0 * reach_m + FREE_M:
-            there = [peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
-            rows.append([*there, keep_m, 1.0, STATIC, 1.0])
+        keep_m = peer.beacon.body_radius_m + pad_m(setup)
+        keep_m += setup.disturbance.position_error_m_max
+        if peer.distance_m <= mine.keep_m + keep_m + 2.0 * reach_m + FREE_M:
+            there = [peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, keep_m]
+            rows.append([*there, 1.0, STATIC, 1.0])
             names.append(peer.beacon.name)
     if not rows:
         return State(state.tick, state.sent), None
@@ -205,6 +241,8 @@ def hold(
     admit(
         np.array(body),
         np.array(start),
+        _doubts(setup, where.carried_doubt if where else NO_DOUBT, pending),
+        _doubts(setup, where.doubt if where else NO_DOUBT, pending),
         np.array(sent or [body]),
         len(sent),
         np.array((robot.speed_mps_max, robot.speed_mps_reverse_max, robot.turn_rate_radps_max)),
@@ -272,6 +310,8 @@ def reached(
 def admit(
     body: Floats,
     start: Floats,
+    body_doubts: Floats,
+    start_doubts: Floats,
     sent: Floats,
     sent_count: int,
     most: Floats,
@@ -293,10 +333,11 @@ def admit(
     Args:
         body: (COLUMNS,) of `announce.path`: as its wheels say since what it announced.
         start: likewise, corrected by what was measured: what it announces if it goes on.
+        body_doubts, start_doubts: (6,) of `keep` for both.
         sent: (n, COLUMNS) own beacons of the last ticks, newest first; `sent_count` of them.
         most: (3,) bounds of the rates.
         change: (2,) greatest change of both in a tick.
-        peers: (peers, COLUMNS + 4): KEEP, AGE in ticks, KIND, FRESH: heard since the last tick.
+        peers: (peers, COLUMNS + 3): AGE in ticks, KIND, FRESH: heard since the last tick.
         slack: (peers, ticks) m, surely free at the coming ticks, negative where nothing is known;
             filled with what is after this tick.
         points: (points, 2) m, world; `room_m`: no nearer to them, or no nearer than now.
@@ -308,8 +349,10 @@ def admit(
 
     # Own braking way as announced; where the body is not on it, the one from where it is.
     own = np.empty((max(1, sent_count), ticks, 2))
+    keeps_m = np.empty(max(1, sent_count))
     for age in range(sent_count):
         announce.path(sent[age], dt_s, age + 1, own[age])
+        keeps_m[age] = sent[age, announce.KEEP]
     on_way = False
     if sent_count > 0:
         now = np.empty((1, 2))
@@ -321,6 +364,7 @@ def admit(
     if not on_way:
         trial[4], trial[5] = v, w
         announce.path(trial, dt_s, 0, own[0])
+        keeps_m[0] = keep(trial, body_doubts, dt_s)
     result[0], result[1], result[2], result[3], result[4] = v, w, 0.0, BY_NONE, 0.0
 
     # What each peer allows at each tick: along a normal, or in all directions.
@@ -342,7 +386,8 @@ def admit(
                 x_m = place[tick, 0] - own[back, tick, 0]
                 y_m = place[tick, 1] - own[back, tick, 1]
             apart_m = np.sqrt(x_m * x_m + y_m * y_m)
-            free_m = max(0.0, apart_m - peers[peer, KEEP])
+            free_m = apart_m - peers[peer, announce.KEEP] - keeps_m[back if known else 0]
+            free_m = max(0.0, free_m)
             if static or age == 1:
                 bounds[peer, tick] = 0.5 * free_m
                 if apart_m > 0.0:
@@ -389,8 +434,10 @@ def admit(
             trial[column] = start[column] if number < last else body[column]
         trial[4], trial[5] = v, w
         announce.path(trial, dt_s, 0, way)
+        keep_m = keep(trial, start_doubts if number < last else body_doubts, dt_s)
+        more_m = keep_m - keeps_m[0]
         if number < last:
-            by = refused_by_peers(way, body, own[0], peers, normals, bounds)
+            by = refused_by_peers(way, body, own[0], more_m, peers, normals, bounds)
             if by == BY_NONE and nears > 0:
                 if faster == 1.0:
                     longer[:] = way
@@ -415,7 +462,7 @@ def admit(
         for tick in range(ticks):
             bound_m = bounds[peer, tick]
             if age == 1:
-                used_m = normals[peer, tick, 0] * (way[tick, 0] - own[0, tick, 0])
+                used_m = more_m + normals[peer, tick, 0] * (way[tick, 0] - own[0, tick, 0])
                 used_m += normals[peer, tick, 1] * (way[tick, 1] - own[0, tick, 1])
                 bound_m -= used_m
             slack[peer, tick] = max(0.0, bound_m)
@@ -423,9 +470,19 @@ def admit(
 
 @compiled
 def refused_by_peers(
-    way: Floats, body: Floats, own: Floats, peers: Floats, normals: Floats, bounds: Floats
+    way: Floats,
+    body: Floats,
+    own: Floats,
+    more_m: float,
+    peers: Floats,
+    normals: Floats,
+    bounds: Floats,
 ) -> int:
-    """Row of the peer that a braking way comes too near to, or BY_NONE."""
+    """Row of the peer that a braking way comes too near to, or BY_NONE.
+
+    Args:
+        more_m: room that it keeps beyond what was announced.
+    """
     for peer in range(peers.shape[0]):
         static = peers[peer, KIND] == STATIC
         for tick in range(way.shape[0]):
@@ -436,11 +493,11 @@ def refused_by_peers(
             else:
                 x_m -= own[tick, 0]
                 y_m -= own[tick, 1]
-            bound_m = bounds[peer, tick] + ROUNDING_M
+            bound_m = bounds[peer, tick] + ROUNDING_M - more_m
             if static or peers[peer, AGE] == 1.0:
                 if normals[peer, tick, 0] * x_m + normals[peer, tick, 1] * y_m > bound_m:
                     return peer
-            elif x_m * x_m + y_m * y_m > bound_m * bound_m:
+            elif bound_m < 0.0 or x_m * x_m + y_m * y_m > bound_m * bound_m:
                 return peer
     return BY_NONE
 
