@@ -65,6 +65,7 @@ class State(msgspec.Struct, frozen=True):
     incarnation: int = 0
     tick: int = -1  # of the last frame; -1 before the first
     command: Twist = STILL  # last set-point
+    twist: Twist = STILL  # measured in the last frame
     limited: bool = False  # the last set-point was not the one the mode asked for
     held_by: str = ""  # peer right in front that did not let it move
     peers: tuple[Beacon, ...] = ()  # newest of each, in order of names
@@ -118,7 +119,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     if state.tick >= 0:
         elapsed_s = min(ELAPSED_S_MAX, max(1, frame.tick - state.tick) * setup.dt_s)
 
-    late = state.lateness
+    late, before = state.lateness, state.twist
     if setup.robot.motion == "kinematic":  # what motors with torques do lags without being late
         declared = setup.disturbance.latency_ticks
         late = lateness.step(late, frame.twist, frame.tick - state.tick, declared)
@@ -193,11 +194,12 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         limited=limited,
         held_by=allowed.by if allowed.by != "brake" and allowed.speed_mps < HELD_MPS else "",
         fit=fit,
+        twist=frame.twist,
         lateness=lateness.send(late, set_point),
     )
 
     # 5. Say.
-    said = beacon(setup, state, role, claim, others, frame, wish, late)
+    said = beacon(setup, state, role, claim, others, frame, wish, late, before)
     if drives:
         state = msgspec.structs.replace(
             state, navigating=navigator.send(setup, state.navigating, said)
@@ -521,6 +523,17 @@ def lead(
     ), wish
 
 
+def told(
+    setup: RobotSetup, state: State, before: Twist, frame: SensorFrame, late: lateness.State
+) -> Twist:
+    """Twist that peers may reckon with: the set-point, but not of a body that stops without it."""
+    robot = setup.robot
+    brakes_mps = robot.acceleration_mps2_max * setup.dt_s
+    if robot.motion == "kinematic" and lateness.stops(late, before, frame.twist, brakes_mps):
+        return navigator.braked(setup, frame.twist)
+    return state.command
+
+
 def is_held_up(state: State) -> bool:
     """Whether something else than the way keeps the robot, so that clocks of the way stand."""
     return (
@@ -583,6 +596,7 @@ def beacon(
     frame: SensorFrame,
     wish: Wish,
     late: lateness.State,
+    before: Twist,
 ) -> Beacon:
     """What this robot tells its peers about itself.
 
@@ -597,15 +611,16 @@ def beacon(
     followed = election.is_followed(elected, patience_ticks(setup))
     drives = role == "alone" and robot.controller == "navigator"
     keeps = wish.reason not in ("motors", "contact", "sensors")
+    twist = told(setup, state, before, frame, late) if drives else state.command
     promise = None
     if drives and keeps:
-        promise = navigator.promise(setup, state.navigating, frame, late, state.command)
+        promise = navigator.promise(setup, state.navigating, frame, late, twist)
     return Beacon(
         name=robot.name,
         tick=frame.tick,
         incarnation=state.incarnation,
         pose=navigator.place(state.navigating, frame) if drives else frame.pose,
-        twist=STILL if wish.reason == "motors" else state.command,
+        twist=STILL if wish.reason == "motors" else twist,
         body_radius_m=robot.body_radius_m,
         speed_mps_max=robot.speed_mps_max,
         mode=wish.mode,

@@ -51,7 +51,20 @@ from swarm.geometry import Floats, Pose, Twist, Vec2
 from swarm.messages import Beacon, Intent, Mode, Name, Promise, Reason, SensorFrame
 from swarm.scenario import RobotSetup
 
-__all__ = ["Aim", "State", "hold", "locate", "place", "promise", "redirect", "send", "step"]
+braked = brake.braked
+
+__all__ = [
+    "Aim",
+    "State",
+    "braked",
+    "hold",
+    "locate",
+    "place",
+    "promise",
+    "redirect",
+    "send",
+    "step",
+]
 
 # A robot that stands for so long where nothing holds it, slower than this, doubts what it
 # remembers nearby: the first time within so much, then within twice and thrice that, and again.

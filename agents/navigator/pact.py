@@ -46,8 +46,11 @@ GAP_M = 0.02
 
 PROMISED, STATIC = 0.0, 1.0
 # Columns of a peer after those of `announce.path`
-AGE, KIND, FRESH = (announce.COLUMNS + column for column in range(3))
+AGE, KIND, FRESH, RADIUS = (announce.COLUMNS + column for column in range(4))
 BY_NONE, BY_OBSTACLE = -1, -2
+# One that stops at once instead, as a body does without a mind or without motors, is not touched
+# by so much.
+SUDDEN_M = 0.012
 NO_DOUBT = Doubt()
 
 
@@ -215,7 +218,7 @@ def hold(
         row = announce.row(beacon, given, dt_s)
         link = known.get(beacon.name)
         fresh = link is None or link.tick < beacon.tick
-        rows.append([*row, age, PROMISED, float(fresh)])
+        rows.append([*row, age, PROMISED, float(fresh), beacon.body_radius_m])
         need = announce.ticks(beacon.twist.speed_mps, given.deceleration_mps2, dt_s)
         count = max(count, need)
         if link is not None:
@@ -226,7 +229,7 @@ def hold(
         keep_m += setup.disturbance.position_error_m_max
         if peer.distance_m <= mine.keep_m + keep_m + 2.0 * reach_m + FREE_M:
             there = [peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, keep_m]
-            rows.append([*there, 1.0, STATIC, 1.0])
+            rows.append([*there, 1.0, STATIC, 1.0, peer.beacon.body_radius_m])
             names.append(peer.beacon.name)
     if not rows:
         return State(state.tick, state.sent), None
@@ -247,6 +250,7 @@ def hold(
         len(sent),
         np.array((robot.speed_mps_max, robot.speed_mps_reverse_max, robot.turn_rate_radps_max)),
         robot.half_track_m,
+        robot.body_radius_m,
         np.array((robot.acceleration_mps2_max * dt_s, robot.turn_acceleration_radps2_max * dt_s)),
         asked.speed_mps,
         asked.turn_rate_radps,
@@ -316,6 +320,7 @@ def admit(
     sent_count: int,
     most: Floats,
     half_track_m: float,
+    radius_m: float,
     change: Floats,
     asked_v_mps: float,
     asked_w_radps: float,
@@ -337,7 +342,7 @@ def admit(
         sent: (n, COLUMNS) own beacons of the last ticks, newest first; `sent_count` of them.
         most: (3,) bounds of the rates.
         change: (2,) greatest change of both in a tick.
-        peers: (peers, COLUMNS + 3): AGE in ticks, KIND, FRESH: heard since the last tick.
+        peers: (peers, COLUMNS + 4): AGE in ticks, KIND, FRESH: heard since the last tick, RADIUS.
         slack: (peers, ticks) m, surely free at the coming ticks, negative where nothing is known;
             filled with what is after this tick.
         points: (points, 2) m, world; `room_m`: no nearer to them, or no nearer than now.
@@ -417,6 +422,23 @@ def admit(
             keeps2_m2[nears] = min(room_m * room_m, apart2_m2 - 1e-9)
             nears += 1
 
+    # Where each peer heard just now is if it brakes as hard as it can instead, and how near may be
+    # come to that: no nearer than would touch, or than what was announced comes anyway.
+    sudden = np.empty((count, ticks, 2))
+    touches2_m2 = np.zeros((count, ticks))
+    for peer in range(count):
+        if peers[peer, KIND] == STATIC or peers[peer, AGE] != 1.0:
+            continue
+        hard = peers[peer, : announce.COLUMNS].copy()
+        hard[6] /= brake.BRAKES_SHARE
+        hard[4], hard[5] = slower(hard[4], hard[5], hard[6], hard[7])
+        announce.path(hard, dt_s, 1, sudden[peer])
+        for tick in range(ticks):
+            x_m = sudden[peer, tick, 0] - own[0, tick, 0]
+            y_m = sudden[peer, tick, 1] - own[0, tick, 1]
+            touch_m = radius_m + peers[peer, RADIUS] + SUDDEN_M
+            touches2_m2[peer, tick] = min(touch_m * touch_m, x_m * x_m + y_m * y_m - 1e-9)
+
     way = np.empty((ticks, 2))
     longer = np.empty((ticks, 2))
     last = parts.shape[0]
@@ -438,6 +460,8 @@ def admit(
         more_m = keep_m - keeps_m[0]
         if number < last:
             by = refused_by_peers(way, body, own[0], more_m, peers, normals, bounds)
+            if by == BY_NONE:
+                by = refused_by_sudden(way, sudden, touches2_m2)
             if by == BY_NONE and nears > 0:
                 if faster == 1.0:
                     longer[:] = way
@@ -498,6 +522,18 @@ def refused_by_peers(
                 if normals[peer, tick, 0] * x_m + normals[peer, tick, 1] * y_m > bound_m:
                     return peer
             elif bound_m < 0.0 or x_m * x_m + y_m * y_m > bound_m * bound_m:
+                return peer
+    return BY_NONE
+
+
+@compiled
+def refused_by_sudden(way: Floats, sudden: Floats, touches2_m2: Floats) -> int:
+    """Row of the peer that a braking way would touch if that one stopped at once, or BY_NONE."""
+    for peer in range(touches2_m2.shape[0]):
+        for tick in range(way.shape[0]):
+            x_m, y_m = sudden[peer, tick, 0] - way[tick, 0], sudden[peer, tick, 1] - way[tick, 1]
+            limit2_m2 = touches2_m2[peer, tick]
+            if limit2_m2 > 0.0 and x_m * x_m + y_m * y_m < limit2_m2:
                 return peer
     return BY_NONE
 
