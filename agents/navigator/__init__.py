@@ -72,6 +72,9 @@ STILL_S, STILL_MPS, STILL_RADPS = 1.0, 0.03, 0.2
 DOUBT_M, DOUBTS = 1.5, 3
 # Likewise one that has not left a place of this size for so long and a turn.
 PLACE_M, PLACE_S = 0.2, 3.0
+# And says that it is blocked when it has got no further than this for so long, at last among
+# others, which may go. Queues at a door wait for less.
+FURTHER_M, BLOCKED_S = 0.5, 20.0
 BESIDE_M = 1.0  # hull to hull, a peer this near may be why
 # Without a way for so long it forgets all that it does not see, once; the second time it gives up.
 CLOSED_S = 3.0
@@ -114,6 +117,8 @@ class State(msgspec.Struct, frozen=True):
     yields_to: Name | None = None
     pact: pact.State = pact.State()
     where: estimate.State = estimate.State()
+    since: Vec2 | None = None  # it has got no further from here
+    since_s: float = 0.0  # for so long
 
 
 def redirect(state: State) -> State:
@@ -165,7 +170,8 @@ def step(
     points_m = obstacles(setup, state, seen, frame, map, reach_m)
     state, aim, course = give_way(setup, state, frame, others, rows, near, points_m, aim, elapsed_s)
     state, choice = choose(setup, state, frame, rows, points_m, aim, course)
-    return drive(setup, state, frame, rows, points_m, aim, course, choice)
+    state, wish = drive(setup, state, frame, rows, points_m, aim, course, choice)
+    return say_blocked(state, frame, wish, elapsed_s)
 
 
 def look(
@@ -216,6 +222,25 @@ def look(
     return state, Aim(
         direction_rad, speed_mps, subgoal, goal_m, is_last, state.failed, open_mps=open_mps
     )
+
+
+def say_blocked(
+    state: State, frame: SensorFrame, wish: Wish, elapsed_s: float
+) -> tuple[State, Wish]:
+    """Wish that says so where a robot has got no further for long.
+
+    It goes on trying, so that it is gone as soon as what blocks it is.
+    """
+    x_m, y_m = frame.pose.x_m, frame.pose.y_m
+    since, since_s = state.since, state.since_s + elapsed_s
+    if since is None or geometry.length(x_m - since[0], y_m - since[1]) > FURTHER_M:
+        since, since_s = (x_m, y_m), 0.0
+    if wish.arrived or state.parked:
+        since_s = 0.0
+    state = msgspec.structs.replace(state, since=since, since_s=since_s)
+    if since_s <= BLOCKED_S:
+        return state, wish
+    return state, msgspec.structs.replace(wish, mode="HOLD", reason="blocked")
 
 
 def straightened(
@@ -311,6 +336,8 @@ def give_up(
     if goal_m < best_m - NEARER_M:
         best_m, best_s = goal_m, 0.0
     failed = state.failed
+    if others:  # they may be what is in the way, and go: no more than blocked
+        return replace(state, closed_s=closed_s, best_m=best_m, best_s=best_s)
     if not failed and closed_s > CLOSED_S and state.forgot:
         failed = "enclosed"
     if not failed and best_s > setup.navigator.give_up_s:
