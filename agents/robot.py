@@ -42,7 +42,7 @@ from agents.priority import Role
 from agents.steering import Wish
 from swarm import geometry, messages
 from swarm.geometry import STILL, Pose, Twist
-from swarm.messages import Beacon, Command, SensorFrame, Slot, Trace
+from swarm.messages import Beacon, Command, Intent, SensorFrame, Slot, Trace
 from swarm.scenario import RobotSetup
 
 # Timers never advance by more than this in one step, however many frames were missed.
@@ -639,6 +639,6 @@ def beacon(
         yields_to=state.navigating.yields_to if drives else state.waiting.yields_to,
         reason=wish.reason,
         promise=promise,
-        intent=state.navigating.intent if drives else None,
-        passage=state.navigating.giving.passage if drives else None,
+        intent=(state.navigating.intent if keeps else Intent()) if drives else None,
+        passage=state.navigating.giving.passage if drives and keeps else None,
     )

@@ -75,6 +75,7 @@ PLACE_M, PLACE_S = 0.2, 3.0
 # And says that it is blocked when it has got no further than this for so long, at last among
 # others, which may go. Queues at a door wait for less.
 FURTHER_M, BLOCKED_S = 0.5, 20.0
+ASTRAY_S = 45.0  # likewise where it finds no way that brings it nearer, however it looks for one
 BESIDE_M = 1.0  # hull to hull, a peer this near may be why
 # Without a way for so long it forgets all that it does not see, once; the second time it gives up.
 CLOSED_S = 3.0
@@ -238,7 +239,7 @@ def say_blocked(
     if wish.arrived or state.parked:
         since_s = 0.0
     state = msgspec.structs.replace(state, since=since, since_s=since_s)
-    if since_s <= BLOCKED_S:
+    if since_s <= BLOCKED_S and (state.best_s <= ASTRAY_S or wish.arrived or state.parked):
         return state, wish
     return state, msgspec.structs.replace(wish, mode="HOLD", reason="blocked")
 
