@@ -76,6 +76,8 @@ PLACE_M, PLACE_S = 0.2, 3.0
 # others, which may go. Queues at a door wait for less.
 FURTHER_M, BLOCKED_S = 0.5, 20.0
 ASTRAY_S = 45.0  # likewise where it finds no way that brings it nearer, however it looks for one
+# After so long it stands, and looks for a way again from time to time.
+TIRED_S, REST_S, TRY_S = 75.0, 60.0, 30.0
 BESIDE_M = 1.0  # hull to hull, a peer this near may be why
 # Without a way for so long it forgets all that it does not see, once; the second time it gives up.
 CLOSED_S = 3.0
@@ -172,7 +174,7 @@ def step(
     state, aim, course = give_way(setup, state, frame, others, rows, near, points_m, aim, elapsed_s)
     state, choice = choose(setup, state, frame, rows, points_m, aim, course)
     state, wish = drive(setup, state, frame, rows, points_m, aim, course, choice)
-    return say_blocked(state, frame, wish, elapsed_s)
+    return say_blocked(state, frame, wish, elapsed_s, among=len(others) > 0)
 
 
 def look(
@@ -226,11 +228,15 @@ def look(
 
 
 def say_blocked(
-    state: State, frame: SensorFrame, wish: Wish, elapsed_s: float
+    state: State, frame: SensorFrame, wish: Wish, elapsed_s: float, *, among: bool
 ) -> tuple[State, Wish]:
     """Wish that says so where a robot has got no further for long.
 
-    It goes on trying, so that it is gone as soon as what blocks it is.
+    It goes on trying, so that it is gone as soon as what blocks it is; but one that drives about in
+    vain rests in between, or those that have arrived would have to make way for it for ever.
+
+    Args:
+        among: others are heard.
     """
     x_m, y_m = frame.pose.x_m, frame.pose.y_m
     since, since_s = state.since, state.since_s + elapsed_s
@@ -239,8 +245,12 @@ def say_blocked(
     if wish.arrived or state.parked:
         since_s = 0.0
     state = msgspec.structs.replace(state, since=since, since_s=since_s)
-    if since_s <= BLOCKED_S and (state.best_s <= ASTRAY_S or wish.arrived or state.parked):
+    astray_s = state.best_s if among and not (wish.arrived or state.parked) else 0.0
+    if since_s <= BLOCKED_S and astray_s <= ASTRAY_S:
         return state, wish
+    if astray_s > TIRED_S and (astray_s - TIRED_S) % (REST_S + TRY_S) < REST_S:
+        state = msgspec.structs.replace(state, intent=Intent())
+        wish = msgspec.structs.replace(wish, speed_mps=0.0, turn_rate_radps=0.0)
     return state, msgspec.structs.replace(wish, mode="HOLD", reason="blocked")
 
 
