@@ -554,9 +554,11 @@ def hold(
         state = msgspec.structs.replace(state, where=estimate.carry(state.where))
     if held is None:
         set_point, allowed = brake.hold(setup, frame.pose.yaw_rad, frame.twist, asked, points_m)
-        return state, set_point, allowed
+        # Whatever was measured: no wheel is asked for more than it can.
+        return state, steering.scale_to_rims(setup.robot, set_point), allowed
     most_mps = abs(held.set_point.speed_mps) if held.by else setup.robot.speed_mps_max
-    return state, held.set_point, Limit(most_mps, held.by)
+    set_point = steering.scale_to_rims(setup.robot, held.set_point)
+    return state, set_point, Limit(most_mps, held.by)
 
 
 def later(
