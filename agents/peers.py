@@ -91,16 +91,31 @@ def lose(
     return tuple([standing[name] for name in sorted(standing)])
 
 
-def now(beacons: tuple[Beacon, ...], pose: Pose, tick: int, dt_s: float) -> list[Peer]:
-    """Peers at the tick of this robot's frame, as seen from its pose."""
+def now(
+    beacons: Iterable[Beacon], pose: Pose, tick: int, dt_s: float, ahead_ticks: int = 0
+) -> list[Peer]:
+    """Peers at the tick of this robot's frame, as seen from its pose.
+
+    Args:
+        ahead_ticks: so many ticks later, if they go on like that; the pose is one of then.
+    """
     ahead = cos(pose.yaw_rad)
     aside = sin(pose.yaw_rad)
     found = []
     for beacon in beacons:
         age_ticks = tick - beacon.tick
-        there = geometry.advance(beacon.pose, beacon.twist, age_ticks * dt_s)
+        there = moved(beacon, age_ticks + ahead_ticks, dt_s)
         found.append(_seen(beacon, there, pose, ahead, aside, age_ticks, dt_s))
     return found
+
+
+def moved(beacon: Beacon, ticks: int, dt_s: float) -> Pose:
+    """Where a peer is so many ticks after its beacon: twists under way first, then its newest."""
+    pose = beacon.pose
+    pending = beacon.promise.pending[:ticks] if beacon.promise is not None else ()
+    for twist in pending:
+        pose = geometry.advance(pose, twist, dt_s)
+    return geometry.advance(pose, beacon.twist, (ticks - len(pending)) * dt_s)
 
 
 def halted(others: Iterable[Peer], pose: Pose, dt_s: float) -> list[Peer]:
@@ -172,6 +187,8 @@ def stands(beacon: Beacon) -> bool:
 def _is_plausible(beacon: Beacon) -> bool:
     pose, twist = beacon.pose, beacon.twist
     rates = abs(twist.speed_mps) + abs(twist.turn_rate_radps)
+    for under_way in beacon.promise.pending if beacon.promise is not None else ():
+        rates = max(rates, abs(under_way.speed_mps) + abs(under_way.turn_rate_radps))
     return (
         abs(pose.x_m) + abs(pose.y_m) <= COORDINATE_M_MAX
         and rates + abs(beacon.formation_turn_rate_radps) <= RATE_MAX

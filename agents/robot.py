@@ -42,7 +42,7 @@ from agents.priority import Role
 from agents.steering import Wish
 from swarm import geometry, messages
 from swarm.geometry import STILL, Pose, Twist
-from swarm.messages import Beacon, Command, SensorFrame, Slot, Trace
+from swarm.messages import Beacon, Command, Intent, SensorFrame, Slot, Trace
 from swarm.scenario import RobotSetup
 
 # Timers never advance by more than this in one step, however many frames were missed.
@@ -65,6 +65,7 @@ class State(msgspec.Struct, frozen=True):
     incarnation: int = 0
     tick: int = -1  # of the last frame; -1 before the first
     command: Twist = STILL  # last set-point
+    twist: Twist = STILL  # measured in the last frame
     limited: bool = False  # the last set-point was not the one the mode asked for
     held_by: str = ""  # peer right in front that did not let it move
     peers: tuple[Beacon, ...] = ()  # newest of each, in order of names
@@ -104,6 +105,7 @@ def init(setup: RobotSetup, incarnation: int = 0) -> State:
         ),
         mission=Mission(robot.goal, robot.via) if knows else None,
         following=follow.init(setup),
+        lateness=lateness.State(late_ticks=setup.disturbance.latency_ticks),
     )
 
 
@@ -117,9 +119,14 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     if state.tick >= 0:
         elapsed_s = min(ELAPSED_S_MAX, max(1, frame.tick - state.tick) * setup.dt_s)
 
-    late = state.lateness
+    late, before = state.lateness, state.twist
     if setup.robot.motion == "kinematic":  # what motors with torques do lags without being late
-        late = lateness.step(late, frame.twist, frame.tick - state.tick)
+        declared = setup.disturbance.latency_ticks
+        late = lateness.step(late, frame.twist, frame.tick - state.tick, declared)
+    drives = role_of(setup, state) == "alone" and setup.robot.controller == "navigator"
+    if drives:
+        navigating, frame = navigator.locate(setup, state.navigating, frame)
+        state = msgspec.structs.replace(state, navigating=navigating)
 
     # 1. Hear: newest beacons, moved on to this tick; who leads, where to.
     sane = is_sane(frame)
@@ -154,7 +161,6 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
             wish = msgspec.structs.replace(wish, mode="HOLD", reason="motors")
 
     # 4. Give way, slew, guard.
-    navigates = role == "alone" and setup.robot.controller == "navigator"
     claim = priority.claim(role, state.slot, setup.row)
     waiting = priority.step(
         setup,
@@ -164,11 +170,11 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         frame.pose,
         frame.twist,
         wish.direction_rad(frame.pose.yaw_rad),
-        others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") and not navigates else (),
+        others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") and not drives else (),
         elapsed_s,
     )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
-    if navigates:
+    if drives:
         bodies = [peer for peer in others if peer.beacon.promise or is_masked(setup, role, peer)]
         unsure = wish.reason in ("contact", "sensors") or not is_finite(asked)
         navigating, set_point, allowed = navigator.hold(
@@ -188,12 +194,13 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         limited=limited,
         held_by=allowed.by if allowed.by != "brake" and allowed.speed_mps < HELD_MPS else "",
         fit=fit,
+        twist=frame.twist,
         lateness=lateness.send(late, set_point),
     )
 
     # 5. Say.
-    said = beacon(setup, state, role, claim, others, frame, wish)
-    if navigates:
+    said = beacon(setup, state, role, claim, others, frame, wish, late, before)
+    if drives:
         state = msgspec.structs.replace(
             state, navigating=navigator.send(setup, state.navigating, said)
         )
@@ -516,6 +523,17 @@ def lead(
     ), wish
 
 
+def told(
+    setup: RobotSetup, state: State, before: Twist, frame: SensorFrame, late: lateness.State
+) -> Twist:
+    """Twist that peers may reckon with: the set-point, but not of a body that stops without it."""
+    robot = setup.robot
+    brakes_mps = robot.acceleration_mps2_max * setup.dt_s
+    if robot.motion == "kinematic" and lateness.stops(late, before, frame.twist, brakes_mps):
+        return navigator.braked(setup, frame.twist)
+    return state.command
+
+
 def is_held_up(state: State) -> bool:
     """Whether something else than the way keeps the robot, so that clocks of the way stand."""
     return (
@@ -577,6 +595,8 @@ def beacon(
     others: list[Peer],
     frame: SensorFrame,
     wish: Wish,
+    late: lateness.State,
+    before: Twist,
 ) -> Beacon:
     """What this robot tells its peers about itself.
 
@@ -590,13 +610,17 @@ def beacon(
     elected = state.election
     followed = election.is_followed(elected, patience_ticks(setup))
     drives = role == "alone" and robot.controller == "navigator"
-    keeps = state.lateness.late_ticks == 0 and wish.reason not in ("motors", "contact", "sensors")
+    keeps = wish.reason not in ("motors", "contact", "sensors")
+    twist = told(setup, state, before, frame, late) if drives else state.command
+    promise = None
+    if drives and keeps:
+        promise = navigator.promise(setup, state.navigating, frame, late, twist)
     return Beacon(
         name=robot.name,
         tick=frame.tick,
         incarnation=state.incarnation,
-        pose=frame.pose,
-        twist=STILL if wish.reason == "motors" else state.command,
+        pose=navigator.place(state.navigating, frame) if drives else frame.pose,
+        twist=STILL if wish.reason == "motors" else twist,
         body_radius_m=robot.body_radius_m,
         speed_mps_max=robot.speed_mps_max,
         mode=wish.mode,
@@ -614,7 +638,7 @@ def beacon(
         formation_turn_rate_radps=state.formation_turn_rate_radps if leads else 0.0,
         yields_to=state.navigating.yields_to if drives else state.waiting.yields_to,
         reason=wish.reason,
-        promise=navigator.promise(setup) if drives and keeps else None,
-        intent=state.navigating.intent if drives else None,
-        passage=state.navigating.giving.passage if drives else None,
+        promise=promise,
+        intent=(state.navigating.intent if keeps else Intent()) if drives else None,
+        passage=state.navigating.giving.passage if drives and keeps else None,
     )

@@ -113,12 +113,14 @@ class Promise(msgspec.Struct, frozen=True, array_like=True):
     """How its sender comes to rest if it is told nothing more: exactly so, from pose and twist.
 
     It goes on with the beacon's twist for one tick, then brakes, on that curve as far as its motors
-    can. The promises of two never come nearer to each other than the sum of their `keep_m`.
+    can. The promises of two never come nearer to each other than the sum of their `keep_m`. With
+    late motors all that begins after the twists under way, one a tick.
     """
 
     deceleration_mps2: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
     turn_deceleration_radps2: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
     keep_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]  # body radius and what is not exact
+    pending: Annotated[tuple[Twist, ...], msgspec.Meta(max_length=8)] = ()  # before the beacon's
 
 
 class Intent(msgspec.Struct, frozen=True, array_like=True):

@@ -6,6 +6,7 @@
 
 Each stage is a module of pure functions; what must be remembered is in one State.
 
+estimate  pose shown, wheels -> pose believed in
 law       clearance -> speed and cost, the same for all stages
 predict   pose and twist at which what is decided now takes effect
 memory    hits -> points in a window -> distances       (points: its inner loops)
@@ -29,6 +30,7 @@ from agents.guard import Limit, share
 from agents.navigator import (
     brake,
     cells,
+    estimate,
     forces,
     memory,
     pact,
@@ -45,11 +47,24 @@ from agents.navigator.way import Way
 from agents.peers import Peer
 from agents.steering import Wish
 from swarm import geometry
-from swarm.geometry import Floats, Twist, Vec2
+from swarm.geometry import Floats, Pose, Twist, Vec2
 from swarm.messages import Beacon, Intent, Mode, Name, Promise, Reason, SensorFrame
 from swarm.scenario import RobotSetup
 
-__all__ = ["Aim", "State", "hold", "promise", "redirect", "send", "step"]
+braked = brake.braked
+
+__all__ = [
+    "Aim",
+    "State",
+    "braked",
+    "hold",
+    "locate",
+    "place",
+    "promise",
+    "redirect",
+    "send",
+    "step",
+]
 
 # A robot that stands for so long where nothing holds it, slower than this, doubts what it
 # remembers nearby: the first time within so much, then within twice and thrice that, and again.
@@ -57,6 +72,12 @@ STILL_S, STILL_MPS, STILL_RADPS = 1.0, 0.03, 0.2
 DOUBT_M, DOUBTS = 1.5, 3
 # Likewise one that has not left a place of this size for so long and a turn.
 PLACE_M, PLACE_S = 0.2, 3.0
+# And says that it is blocked when it has got no further than this for so long, at last among
+# others, which may go. Queues at a door wait for less.
+FURTHER_M, BLOCKED_S = 0.5, 20.0
+ASTRAY_S = 45.0  # likewise where it finds no way that brings it nearer, however it looks for one
+# After so long it stands, and looks for a way again from time to time.
+TIRED_S, REST_S, TRY_S = 75.0, 60.0, 30.0
 BESIDE_M = 1.0  # hull to hull, a peer this near may be why
 # Without a way for so long it forgets all that it does not see, once; the second time it gives up.
 CLOSED_S = 3.0
@@ -98,11 +119,30 @@ class State(msgspec.Struct, frozen=True):
     intent: Intent = Intent()
     yields_to: Name | None = None
     pact: pact.State = pact.State()
+    where: estimate.State = estimate.State()
+    since: Vec2 | None = None  # it has got no further from here
+    since_s: float = 0.0  # for so long
 
 
 def redirect(state: State) -> State:
     """State of a robot that has got another goal: what it knows of obstacles stays."""
-    return State(memory=state.memory, turn_sense=state.turn_sense, pact=state.pact)
+    return State(
+        memory=state.memory, turn_sense=state.turn_sense, pact=state.pact, where=state.where
+    )
+
+
+def locate(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, SensorFrame]:
+    """State and frame with the pose that is believed in: first of all in a tick."""
+    where = estimate.step(setup, state.where, frame)
+    state = msgspec.structs.replace(state, where=where)
+    if where.pose is frame.pose or where.pose is None:
+        return state, frame
+    return state, msgspec.structs.replace(frame, pose=where.pose)
+
+
+def place(state: State, frame: SensorFrame) -> Pose:
+    """Pose to announce."""
+    return state.where.pose or frame.pose
 
 
 def step(
@@ -116,11 +156,15 @@ def step(
 ) -> tuple[State, Wish]:
     """One tick on the way to `setup.robot.goal` by way of its way-points."""
     seen, frame = frame, predict.ahead(setup, late, frame)
+    others = later(setup, late, frame, others)
     state, aim = look(setup, state, seen, frame, map, others, elapsed_s)
     if state.failed:
         state = msgspec.structs.replace(state, intent=Intent(), yields_to=None)
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
     rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m)
+    rows[:, table.RADIUS] += 2.0 * estimate.error_m(
+        setup
+    )  # the guard keeps them so much further off
     if len(rows):
         aim = straightened(setup, state, seen, frame, map, aim)
     reach_m = setup.robot.body_radius_m + max(setup.navigator.reach_m, setup.navigator.barrier_m)
@@ -129,7 +173,8 @@ def step(
     points_m = obstacles(setup, state, seen, frame, map, reach_m)
     state, aim, course = give_way(setup, state, frame, others, rows, near, points_m, aim, elapsed_s)
     state, choice = choose(setup, state, frame, rows, points_m, aim, course)
-    return drive(setup, state, frame, rows, points_m, aim, course, choice)
+    state, wish = drive(setup, state, frame, rows, points_m, aim, course, choice)
+    return say_blocked(state, frame, wish, elapsed_s, among=len(others) > 0)
 
 
 def look(
@@ -185,6 +230,33 @@ def look(
     return state, Aim(
         direction_rad, speed_mps, subgoal, goal_m, is_last, state.failed, open_mps=open_mps
     )
+
+
+def say_blocked(
+    state: State, frame: SensorFrame, wish: Wish, elapsed_s: float, *, among: bool
+) -> tuple[State, Wish]:
+    """Wish that says so where a robot has got no further for long.
+
+    It goes on trying, so that it is gone as soon as what blocks it is; but one that drives about in
+    vain rests in between, or those that have arrived would have to make way for it for ever.
+
+    Args:
+        among: others are heard.
+    """
+    x_m, y_m = frame.pose.x_m, frame.pose.y_m
+    since, since_s = state.since, state.since_s + elapsed_s
+    if since is None or geometry.length(x_m - since[0], y_m - since[1]) > FURTHER_M:
+        since, since_s = (x_m, y_m), 0.0
+    if wish.arrived or state.parked:
+        since_s = 0.0
+    state = msgspec.structs.replace(state, since=since, since_s=since_s)
+    astray_s = state.best_s if among and not (wish.arrived or state.parked) else 0.0
+    if since_s <= BLOCKED_S and astray_s <= ASTRAY_S:
+        return state, wish
+    if astray_s > TIRED_S and (astray_s - TIRED_S) % (REST_S + TRY_S) < REST_S:
+        state = msgspec.structs.replace(state, intent=Intent())
+        wish = msgspec.structs.replace(wish, speed_mps=0.0, turn_rate_radps=0.0)
+    return state, msgspec.structs.replace(wish, mode="HOLD", reason="blocked")
 
 
 def straightened(
@@ -280,6 +352,8 @@ def give_up(
     if goal_m < best_m - NEARER_M:
         best_m, best_s = goal_m, 0.0
     failed = state.failed
+    if others:  # they may be what is in the way, and go: no more than blocked
+        return replace(state, closed_s=closed_s, best_m=best_m, best_s=best_s)
     if not failed and closed_s > CLOSED_S and state.forgot:
         failed = "enclosed"
     if not failed and best_s > setup.navigator.give_up_s:
@@ -449,16 +523,22 @@ def hold(
     frame = predict.ahead(setup, late, seen)
     reach_m = brake.reach_m(setup, max(abs(frame.twist.speed_mps), abs(asked.speed_mps)))
     points_m = obstacles(setup, state, seen, frame, map, reach_m)
+    others = later(setup, late, frame, others)
     promising = [peer for peer in others if peer.beacon.promise is not None]
     rest = [peer for peer in others if peer.beacon.promise is None]
     rest += peers.halted(rest, frame.pose, setup.dt_s)
-    if late.late_ticks:  # nothing can be promised; it takes its half of each gap, as others do
+    if late.late_ticks != setup.disturbance.latency_ticks:
+        # Nothing can be promised; it takes its half of each gap, as others do.
         late_s = late.late_ticks * setup.dt_s
         bodies = [*others, *peers.halted(others, frame.pose, setup.dt_s)]
         side = 1.0 if asked.speed_mps >= 0.0 else -1.0
         most_mps = min([share(setup, peer, side, late_s=late_s) for peer in bodies], default=inf)
         asked = Twist(steering.clip(asked.speed_mps, most_mps), asked.turn_rate_radps)
         promising, rest = [], []
+    carried = frame.pose
+    if state.where.carried is not None and state.where.carried != seen.pose:
+        before = msgspec.structs.replace(seen, pose=state.where.carried)
+        carried = predict.ahead(setup, late, before).pose
     kept, held = pact.hold(
         setup,
         state.pact,
@@ -470,18 +550,40 @@ def hold(
         rest,
         points_m + np.array((frame.pose.x_m, frame.pose.y_m)) if len(points_m) else points_m,
         brake.room(setup, points_m),
+        state.where,
+        carried,
+        predict.pending(setup, late, seen),
     )
     state = msgspec.structs.replace(state, pact=kept)
+    if held is not None and not held.corrects:
+        state = msgspec.structs.replace(state, where=estimate.carry(state.where))
     if held is None:
         set_point, allowed = brake.hold(setup, frame.pose.yaw_rad, frame.twist, asked, points_m)
-        return state, set_point, allowed
+        # Whatever was measured: no wheel is asked for more than it can.
+        return state, steering.scale_to_rims(setup.robot, set_point), allowed
     most_mps = abs(held.set_point.speed_mps) if held.by else setup.robot.speed_mps_max
-    return state, held.set_point, Limit(most_mps, held.by)
+    set_point = steering.scale_to_rims(setup.robot, held.set_point)
+    return state, set_point, Limit(most_mps, held.by)
 
 
-def promise(setup: RobotSetup) -> Promise | None:
-    """What a robot promises, None when it stops too slowly."""
-    return pact.promise(setup) if pact.is_kept(setup) else None
+def later(
+    setup: RobotSetup, late: lateness.State, frame: SensorFrame, others: Sequence[Peer]
+) -> list[Peer]:
+    """Peers when what is decided now takes effect, from where the robot is then."""
+    if not late.late_ticks:
+        return list(others)
+    beacons = [peer.beacon for peer in others]
+    return peers.now(beacons, frame.pose, frame.tick, setup.dt_s, late.late_ticks)
+
+
+def promise(
+    setup: RobotSetup, state: State, frame: SensorFrame, late: lateness.State, set_point: Twist
+) -> Promise | None:
+    """What a robot promises, None when it stops too slowly or is later than all are."""
+    if not pact.is_kept(setup) or late.late_ticks != setup.disturbance.latency_ticks:
+        return None
+    pending = predict.pending(setup, late, frame)
+    return pact.promise(setup, set_point, state.where.doubt, pending)
 
 
 def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:

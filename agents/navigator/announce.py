@@ -2,18 +2,22 @@
 
     pose, set-point --one tick--> --braking on that curve, tick by tick--> (ticks, 2) places
 
+Motors that are so many ticks late take their set-points so much later: places are then those of so
+many ticks later, for all robots alike, and what is under way is announced.
+
 Sender and hearers compute it from the same beacon by the same function, so they know the same. It
 is what world.motion makes of a body whose set-point is followed by none, up to rounding.
 """
 
 from __future__ import annotations
 
-from math import ceil
+from math import ceil, cos, sin
 
 import numpy as np
 
 from agents.navigator.brake import slower
 from agents.navigator.compiled import compiled
+from swarm import geometry
 from swarm.geometry import Floats
 from swarm.messages import Beacon, Promise
 
@@ -21,9 +25,10 @@ from swarm.messages import Beacon, Promise
 TICKS_MAX = 64
 # Taylor polynomials of this argument are exact to the last bit but one.
 TURN_RAD_MAX = 0.25
-# Rows of `path`: x_m, y_m, cosine and sine of the heading, v_mps, w_radps, and what full braking
-# takes from both rates in a tick.
-COLUMNS = 8
+# Rows of `path`: x_m, y_m, cosine and sine of the heading, v_mps, w_radps, what full braking
+# takes from both rates in a tick, and the room that it keeps all that way.
+COLUMNS = 9
+KEEP = 8
 
 
 @compiled
@@ -76,6 +81,20 @@ def path(body: Floats, dt_s: float, skip: int, places: Floats) -> None:
             places[tick - skip, 1] = y_m
 
 
+@compiled
+def length(body: Floats, dt_s: float) -> tuple[float, float]:
+    """How far a body goes until it stands, m, and how far it turns, rad, to and fro alike."""
+    v_mps, w_radps = body[4], body[5]
+    way_m = turn_rad = 0.0
+    for _ in range(TICKS_MAX):
+        if v_mps == 0.0 and w_radps == 0.0:
+            break
+        way_m += abs(v_mps) * dt_s
+        turn_rad += abs(w_radps) * dt_s
+        v_mps, w_radps = slower(v_mps, w_radps, body[6], body[7])
+    return way_m, turn_rad
+
+
 def ticks(speed_mps: float, deceleration_mps2: float, dt_s: float) -> int:
     """After how many ticks a body has come to rest, the first one at that speed included."""
     return 1 + ceil(abs(speed_mps) / (deceleration_mps2 * dt_s) - 1e-9)
@@ -86,17 +105,21 @@ def reach_m(speed_mps: float, deceleration_mps2: float, dt_s: float) -> float:
     return speed_mps * dt_s + speed_mps * speed_mps / (2.0 * deceleration_mps2)
 
 
-def row(beacon: Beacon, promise: Promise, cosine: float, sine: float, dt_s: float) -> list[float]:
-    """Row of `path` for a beacon, with the cosine and sine of its heading."""
+def row(beacon: Beacon, promise: Promise, dt_s: float) -> list[float]:
+    """Row of `path` for a beacon: from where its twists under way have taken it."""
+    pose = beacon.pose
+    for twist in promise.pending:
+        pose = geometry.advance(pose, twist, dt_s)
     return [
-        beacon.pose.x_m,
-        beacon.pose.y_m,
-        cosine,
-        sine,
+        pose.x_m,
+        pose.y_m,
+        cos(pose.yaw_rad),
+        sin(pose.yaw_rad),
         beacon.twist.speed_mps,
         beacon.twist.turn_rate_radps,
         promise.deceleration_mps2 * dt_s,
         promise.turn_deceleration_radps2 * dt_s,
+        promise.keep_m,
     ]
 
 

@@ -23,8 +23,10 @@ import numpy as np
 from agents.navigator import announce, brake
 from agents.navigator.brake import slower
 from agents.navigator.compiled import compiled
+from agents.navigator.estimate import Doubt
+from agents.navigator.estimate import State as Estimate
 from agents.peers import Peer
-from swarm.geometry import Floats, Pose, Twist
+from swarm.geometry import STILL, Floats, Pose, Twist
 from swarm.messages import Beacon, Name, Promise
 from swarm.scenario import RobotSetup
 
@@ -44,8 +46,12 @@ GAP_M = 0.02
 
 PROMISED, STATIC = 0.0, 1.0
 # Columns of a peer after those of `announce.path`
-KEEP, AGE, KIND, FRESH = (announce.COLUMNS + column for column in range(4))
+AGE, KIND, FRESH, RADIUS = (announce.COLUMNS + column for column in range(4))
 BY_NONE, BY_OBSTACLE = -1, -2
+# One that stops at once instead, as a body does without a mind or without motors, is not touched
+# by so much.
+SUDDEN_M = 0.012
+NO_DOUBT = Doubt()
 
 
 class Link(msgspec.Struct, frozen=True):
@@ -70,10 +76,11 @@ class Held(msgspec.Struct, frozen=True):
     set_point: Twist
     part: float  # of what was asked for
     by: str  # "" | "brake" | a peer's name
+    corrects: bool = True  # announced from the pose, else from the one carried
 
 
-def pad_m(setup: RobotSetup, pose_error_m: float = 0.0, clock_error_s: float = 0.0) -> float:
-    """Room around a body for what is not as announced, by declared bounds.
+def pad_m(setup: RobotSetup, clock_error_s: float = 0.0) -> float:
+    """Room around a body for what is not as announced even where all poses are exact.
 
     Between two ticks a straight relative way of (v_i + v_j) dt comes nearer than its ends by its
     square over 8 times the distance, of which each robot's part is at most v^2 dt^2 / (8 r), and
@@ -84,34 +91,74 @@ def pad_m(setup: RobotSetup, pose_error_m: float = 0.0, clock_error_s: float = 0
     chord_m = step_m * step_m / (8.0 * robot.body_radius_m)
     arc_m = step_m * robot.turn_rate_radps_max * dt_s / 8.0
     lag_m = robot.speed_mps_max / robot.velocity_gain_1ps if robot.motion == "dynamic" else 0.0
-    return GAP_M + chord_m + arc_m + lag_m + pose_error_m + robot.speed_mps_max * clock_error_s
+    return GAP_M + chord_m + arc_m + lag_m + robot.speed_mps_max * clock_error_s
 
 
-def promise(setup: RobotSetup) -> Promise:
-    """What this robot promises in every beacon."""
+def promise(
+    setup: RobotSetup,
+    set_point: Twist = STILL,
+    doubt: Doubt = NO_DOUBT,
+    pending: tuple[Twist, ...] = (),
+) -> Promise:
+    """What this robot promises in a beacon.
+
+    Args:
+        doubt: about the pose in it.
+        pending: twists under way.
+    """
     robot = setup.robot
+    brakes_mps2 = brake.brakes_mps2(setup)
+    brakes_radps2 = robot.turn_acceleration_radps2_max
+    rates = (set_point.speed_mps, set_point.turn_rate_radps)
+    body = np.array((*(0.0,) * 4, *rates, brakes_mps2 * setup.dt_s, brakes_radps2 * setup.dt_s))
     return Promise(
-        deceleration_mps2=brake.brakes_mps2(setup),
-        turn_deceleration_radps2=robot.turn_acceleration_radps2_max,
-        keep_m=robot.body_radius_m + pad_m(setup),
+        deceleration_mps2=brakes_mps2,
+        turn_deceleration_radps2=brakes_radps2,
+        keep_m=float(keep(body, _doubts(setup, doubt, pending), setup.dt_s)),
+        pending=pending,
     )
+
+
+def _doubts(setup: RobotSetup, doubt: Doubt, pending: tuple[Twist, ...]) -> Floats:
+    """(6,) of `keep`."""
+    way_m = sum([abs(twist.speed_mps) * setup.dt_s for twist in pending])
+    turn_rad = sum([abs(twist.turn_rate_radps) * setup.dt_s for twist in pending])
+    room_m = setup.robot.body_radius_m + pad_m(setup) + doubt.position_m
+    share = setup.disturbance.speed_error
+    return np.array((room_m, doubt.yaw_rad, way_m, turn_rad, share, 0.0))
+
+
+@compiled
+def keep(body: Floats, doubts: Floats, dt_s: float) -> float:
+    """Room to keep around a body all the way until it stands, by declared bounds.
+
+    Its pose is off by so much already; until it stands it gets too far by the speed error, and
+    aside by what its yaw is off. Whoever just brakes keeps no more room from tick to tick: what it
+    has slipped is then in its doubts, and less of the way is left.
+
+    Args:
+        body: of `announce.path`, but for the room.
+        doubts: m around its place now, rad of its yaw; m and rad of the way under way; share by
+            which ways are longer or shorter.
+    """
+    way_m, turn_rad = announce.length(body, dt_s)
+    share = doubts[4]
+    aside = doubts[1] + share * (doubts[3] + turn_rad)
+    slip = np.sqrt(share * share + aside * aside)
+    return float(doubts[0] + slip * (doubts[2] + way_m))
 
 
 def is_kept(setup: RobotSetup) -> bool:
     """Whether this robot stops fast enough for its promise to be of use."""
-    mine = promise(setup)
-    return (
-        announce.ticks(setup.robot.speed_mps_max, mine.deceleration_mps2, setup.dt_s)
-        <= announce.TICKS_MAX
-    )
+    ticks = announce.ticks(setup.robot.speed_mps_max, brake.brakes_mps2(setup), setup.dt_s)
+    return ticks <= announce.TICKS_MAX
 
 
 def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:
     """State after a beacon went out; what was sent before a missed tick is not to be relied on."""
     if beacon.promise is None:
         return State(tick=beacon.tick)
-    pose = beacon.pose
-    row = announce.row(beacon, beacon.promise, cos(pose.yaw_rad), sin(pose.yaw_rad), setup.dt_s)
+    row = announce.row(beacon, beacon.promise, setup.dt_s)
     before = state.sent if beacon.tick == state.tick + 1 else ()
     return State(beacon.tick, (tuple(row), *before)[:SENT_MAX], state.links)
 
@@ -127,28 +174,31 @@ def hold(
     statics: Sequence[Peer],
     points: Floats,
     room_m: float,
+    where: Estimate | None = None,
+    carried: Pose | None = None,
+    pending: tuple[Twist, ...] = (),
 ) -> tuple[State, Held | None]:
     """Set-point that keeps what was promised, None where nobody is near.
 
     Args:
+        pose, twist: when the set-point takes effect.
+        where: how sure it is of its poses in this tick; None: all are exact.
+        carried: when the set-point takes effect, where the pose announced before has got to; None:
+            the same. Who only brakes as announced goes on from there.
+        pending: twists until the set-point takes effect.
         others: peers that promise, heard lately.
         statics: those that do not, each where it is believed to be; they get half of the gap.
         points: (n, 2) m, world: obstacles, those near enough to matter.
         room_m: no nearer to them.
     """
     robot, dt_s = setup.robot, setup.dt_s
-    mine = promise(setup)
+    mine = promise(setup, twist, where.doubt if where else NO_DOUBT, pending)
     brakes = (mine.deceleration_mps2, mine.turn_deceleration_radps2)
-    body = [
-        pose.x_m,
-        pose.y_m,
-        cos(pose.yaw_rad),
-        sin(pose.yaw_rad),
-        twist.speed_mps,
-        twist.turn_rate_radps,
-        brakes[0] * dt_s,
-        brakes[1] * dt_s,
-    ]
+    rates = (twist.speed_mps, twist.turn_rate_radps, brakes[0] * dt_s, brakes[1] * dt_s)
+    body, start = (
+        [one.x_m, one.y_m, cos(one.yaw_rad), sin(one.yaw_rad), *rates, mine.keep_m]
+        for one in (carried or pose, pose)
+    )
     count = announce.ticks(robot.speed_mps_max, brakes[0], dt_s)
     reach_m = announce.reach_m(robot.speed_mps_max, brakes[0], dt_s)
     rows: list[list[float]] = []
@@ -165,21 +215,21 @@ def hold(
         near_m += announce.reach_m(fastest_mps, given.deceleration_mps2, dt_s)
         if peer.distance_m > near_m:
             continue
-        yaw_rad = beacon.pose.yaw_rad
-        row = announce.row(beacon, given, cos(yaw_rad), sin(yaw_rad), dt_s)
+        row = announce.row(beacon, given, dt_s)
         link = known.get(beacon.name)
         fresh = link is None or link.tick < beacon.tick
-        rows.append([*row, mine.keep_m + given.keep_m, age, PROMISED, float(fresh)])
+        rows.append([*row, age, PROMISED, float(fresh), beacon.body_radius_m])
         need = announce.ticks(beacon.twist.speed_mps, given.deceleration_mps2, dt_s)
         count = max(count, need)
         if link is not None:
             slacks.append((len(names), link))
         names.append(beacon.name)
     for peer in statics:
-        keep_m = mine.keep_m + peer.beacon.body_radius_m + pad_m(setup)
-        if peer.distance_m <= keep_m + 2.0 * reach_m + FREE_M:
-            there = [peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
-            rows.append([*there, keep_m, 1.0, STATIC, 1.0])
+        keep_m = peer.beacon.body_radius_m + pad_m(setup)
+        keep_m += setup.disturbance.position_error_m_max
+        if peer.distance_m <= mine.keep_m + keep_m + 2.0 * reach_m + FREE_M:
+            there = [peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, keep_m]
+            rows.append([*there, 1.0, STATIC, 1.0, peer.beacon.body_radius_m])
             names.append(peer.beacon.name)
     if not rows:
         return State(state.tick, state.sent), None
@@ -190,13 +240,17 @@ def hold(
         before = np.frombuffer(link.slack)[1:][:count]  # a tick has passed
         slack[number, : len(before)] = before
         slack[number, len(before) :] = before[-1] if len(before) else 0.0
-    result = np.zeros(4)
+    result = np.zeros(5)
     admit(
         np.array(body),
+        np.array(start),
+        _doubts(setup, where.carried_doubt if where else NO_DOUBT, pending),
+        _doubts(setup, where.doubt if where else NO_DOUBT, pending),
         np.array(sent or [body]),
         len(sent),
         np.array((robot.speed_mps_max, robot.speed_mps_reverse_max, robot.turn_rate_radps_max)),
         robot.half_track_m,
+        robot.body_radius_m,
         np.array((robot.acceleration_mps2_max * dt_s, robot.turn_acceleration_radps2_max * dt_s)),
         asked.speed_mps,
         asked.turn_rate_radps,
@@ -205,6 +259,7 @@ def hold(
         points,
         room_m,
         dt_s,
+        1.0 + setup.disturbance.speed_error,
         _PARTS,
         result,
     )
@@ -220,6 +275,7 @@ def hold(
         Twist(float(result[0]), float(result[1])),
         float(result[2]),
         "" if by == BY_NONE else "brake" if by == BY_OBSTACLE else names[by],
+        corrects=result[4] > 0.0,
     )
 
 
@@ -257,10 +313,14 @@ def reached(
 @compiled
 def admit(
     body: Floats,
+    start: Floats,
+    body_doubts: Floats,
+    start_doubts: Floats,
     sent: Floats,
     sent_count: int,
     most: Floats,
     half_track_m: float,
+    radius_m: float,
     change: Floats,
     asked_v_mps: float,
     asked_w_radps: float,
@@ -269,29 +329,35 @@ def admit(
     points: Floats,
     room_m: float,
     dt_s: float,
+    faster: float,
     parts: Floats,
     result: Floats,
 ) -> None:
     """First part of what is asked for whose braking way is admitted, else braking as announced.
 
     Args:
-        body: (COLUMNS,) of `announce.path`: as measured.
+        body: (COLUMNS,) of `announce.path`: as its wheels say since what it announced.
+        start: likewise, corrected by what was measured: what it announces if it goes on.
+        body_doubts, start_doubts: (6,) of `keep` for both.
         sent: (n, COLUMNS) own beacons of the last ticks, newest first; `sent_count` of them.
         most: (3,) bounds of the rates.
         change: (2,) greatest change of both in a tick.
-        peers: (peers, COLUMNS + 4): KEEP, AGE in ticks, KIND, FRESH: heard since the last tick.
+        peers: (peers, COLUMNS + 4): AGE in ticks, KIND, FRESH: heard since the last tick, RADIUS.
         slack: (peers, ticks) m, surely free at the coming ticks, negative where nothing is known;
             filled with what is after this tick.
         points: (points, 2) m, world; `room_m`: no nearer to them, or no nearer than now.
-        result: (4,) v, omega, part, and by whom it is less than one.
+        faster: so many times as far as announced the body may get before obstacles.
+        result: (5,) v, omega, part, by whom it is less than one, whether from `start`.
     """
     ticks = slack.shape[1]
     count = peers.shape[0]
 
     # Own braking way as announced; where the body is not on it, the one from where it is.
     own = np.empty((max(1, sent_count), ticks, 2))
+    keeps_m = np.empty(max(1, sent_count))
     for age in range(sent_count):
         announce.path(sent[age], dt_s, age + 1, own[age])
+        keeps_m[age] = sent[age, announce.KEEP]
     on_way = False
     if sent_count > 0:
         now = np.empty((1, 2))
@@ -303,7 +369,8 @@ def admit(
     if not on_way:
         trial[4], trial[5] = v, w
         announce.path(trial, dt_s, 0, own[0])
-    result[0], result[1], result[2], result[3] = v, w, 0.0, BY_NONE
+        keeps_m[0] = keep(trial, body_doubts, dt_s)
+    result[0], result[1], result[2], result[3], result[4] = v, w, 0.0, BY_NONE, 0.0
 
     # What each peer allows at each tick: along a normal, or in all directions.
     normals = np.zeros((count, ticks, 2))
@@ -324,7 +391,8 @@ def admit(
                 x_m = place[tick, 0] - own[back, tick, 0]
                 y_m = place[tick, 1] - own[back, tick, 1]
             apart_m = np.sqrt(x_m * x_m + y_m * y_m)
-            free_m = max(0.0, apart_m - peers[peer, KEEP])
+            free_m = apart_m - peers[peer, announce.KEEP] - keeps_m[back if known else 0]
+            free_m = max(0.0, free_m)
             if static or age == 1:
                 bounds[peer, tick] = 0.5 * free_m
                 if apart_m > 0.0:
@@ -340,21 +408,39 @@ def admit(
                 bounds[peer, tick] = 0.25 * least_m
 
     # Obstacles within reach of the fastest braking way.
-    fastest_mps = max(abs(body[4]), abs(asked_v_mps)) + change[0]
+    fastest_mps = faster * (max(abs(body[4]), abs(asked_v_mps)) + change[0])
     reach_m = room_m + fastest_mps * dt_s * 2.0
-    reach_m += fastest_mps * fastest_mps * dt_s / (2.0 * body[6])
+    reach_m += fastest_mps * fastest_mps * dt_s / (2.0 * faster * body[6])
     near = np.empty((points.shape[0], 2))
     keeps2_m2 = np.empty(points.shape[0])
     nears = 0
     for point in range(points.shape[0]):
-        x_m, y_m = points[point, 0] - body[0], points[point, 1] - body[1]
+        x_m, y_m = points[point, 0] - start[0], points[point, 1] - start[1]
         apart2_m2 = x_m * x_m + y_m * y_m
         if apart2_m2 < reach_m * reach_m:
             near[nears, 0], near[nears, 1] = points[point, 0], points[point, 1]
             keeps2_m2[nears] = min(room_m * room_m, apart2_m2 - 1e-9)
             nears += 1
 
+    # Where each peer heard just now is if it brakes as hard as it can instead, and how near may be
+    # come to that: no nearer than would touch, or than what was announced comes anyway.
+    sudden = np.empty((count, ticks, 2))
+    touches2_m2 = np.zeros((count, ticks))
+    for peer in range(count):
+        if peers[peer, KIND] == STATIC or peers[peer, AGE] != 1.0:
+            continue
+        hard = peers[peer, : announce.COLUMNS].copy()
+        hard[6] /= brake.BRAKES_SHARE
+        hard[4], hard[5] = slower(hard[4], hard[5], hard[6], hard[7])
+        announce.path(hard, dt_s, 1, sudden[peer])
+        for tick in range(ticks):
+            x_m = sudden[peer, tick, 0] - own[0, tick, 0]
+            y_m = sudden[peer, tick, 1] - own[0, tick, 1]
+            touch_m = radius_m + peers[peer, RADIUS] + SUDDEN_M
+            touches2_m2[peer, tick] = min(touch_m * touch_m, x_m * x_m + y_m * y_m - 1e-9)
+
     way = np.empty((ticks, 2))
+    longer = np.empty((ticks, 2))
     last = parts.shape[0]
     blamed = BY_NONE
     for number in range(last + 1):
@@ -366,15 +452,32 @@ def admit(
             )
         else:
             v, w = slower(body[4], body[5], body[6], body[7])
+        for column in range(4):
+            trial[column] = start[column] if number < last else body[column]
         trial[4], trial[5] = v, w
         announce.path(trial, dt_s, 0, way)
+        keep_m = keep(trial, start_doubts if number < last else body_doubts, dt_s)
+        more_m = keep_m - keeps_m[0]
         if number < last:
-            by = refused(way, body, own[0], peers, normals, bounds, near[:nears], keeps2_m2)
+            by = refused_by_peers(way, body, own[0], more_m, peers, normals, bounds)
+            if by == BY_NONE:
+                by = refused_by_sudden(way, sudden, touches2_m2)
+            if by == BY_NONE and nears > 0:
+                if faster == 1.0:
+                    longer[:] = way
+                else:
+                    for column in range(4, announce.COLUMNS):
+                        trial[column] *= faster
+                    announce.path(trial, dt_s, 0, longer)
+                    for column in range(6, announce.COLUMNS):
+                        trial[column] = body[column]
+                by = refused_by_points(longer, start, near[:nears], keeps2_m2)
             if by != BY_NONE:
                 if blamed == BY_NONE:
                     blamed = by
                 continue
         result[0], result[1], result[2], result[3] = v, w, part, blamed
+        result[4] = 1.0 if number < last else 0.0
         break
 
     # What is surely free from now on.
@@ -383,24 +486,27 @@ def admit(
         for tick in range(ticks):
             bound_m = bounds[peer, tick]
             if age == 1:
-                used_m = normals[peer, tick, 0] * (way[tick, 0] - own[0, tick, 0])
+                used_m = more_m + normals[peer, tick, 0] * (way[tick, 0] - own[0, tick, 0])
                 used_m += normals[peer, tick, 1] * (way[tick, 1] - own[0, tick, 1])
                 bound_m -= used_m
             slack[peer, tick] = max(0.0, bound_m)
 
 
 @compiled
-def refused(
+def refused_by_peers(
     way: Floats,
     body: Floats,
     own: Floats,
+    more_m: float,
     peers: Floats,
     normals: Floats,
     bounds: Floats,
-    points: Floats,
-    keeps2_m2: Floats,
 ) -> int:
-    """Row of the peer that a braking way comes too near to, BY_OBSTACLE, or BY_NONE."""
+    """Row of the peer that a braking way comes too near to, or BY_NONE.
+
+    Args:
+        more_m: room that it keeps beyond what was announced.
+    """
     for peer in range(peers.shape[0]):
         static = peers[peer, KIND] == STATIC
         for tick in range(way.shape[0]):
@@ -411,14 +517,32 @@ def refused(
             else:
                 x_m -= own[tick, 0]
                 y_m -= own[tick, 1]
-            bound_m = bounds[peer, tick] + ROUNDING_M
+            bound_m = bounds[peer, tick] + ROUNDING_M - more_m
             if static or peers[peer, AGE] == 1.0:
                 if normals[peer, tick, 0] * x_m + normals[peer, tick, 1] * y_m > bound_m:
                     return peer
-            elif x_m * x_m + y_m * y_m > bound_m * bound_m:
+            elif bound_m < 0.0 or x_m * x_m + y_m * y_m > bound_m * bound_m:
                 return peer
+    return BY_NONE
+
+
+@compiled
+def refused_by_sudden(way: Floats, sudden: Floats, touches2_m2: Floats) -> int:
+    """Row of the peer that a braking way would touch if that one stopped at once, or BY_NONE."""
+    for peer in range(touches2_m2.shape[0]):
+        for tick in range(way.shape[0]):
+            x_m, y_m = sudden[peer, tick, 0] - way[tick, 0], sudden[peer, tick, 1] - way[tick, 1]
+            limit2_m2 = touches2_m2[peer, tick]
+            if limit2_m2 > 0.0 and x_m * x_m + y_m * y_m < limit2_m2:
+                return peer
+    return BY_NONE
+
+
+@compiled
+def refused_by_points(way: Floats, start: Floats, points: Floats, keeps2_m2: Floats) -> int:
+    """BY_OBSTACLE where a braking way comes too near to a point, or BY_NONE."""
     for point in range(points.shape[0]):
-        from_x, from_y = body[0], body[1]
+        from_x, from_y = start[0], start[1]
         for tick in range(way.shape[0]):
             to_x, to_y = way[tick, 0], way[tick, 1]
             along_x, along_y = to_x - from_x, to_y - from_y

@@ -6,21 +6,24 @@ draw --robots, moods, lost beacons--> pact.hold, world.motion, tick by tick --> 
 from __future__ import annotations
 
 import random
-from math import atan2, cos, dist, inf, pi
+from math import atan2, cos, dist, inf, pi, sin
 
+import msgspec
 import numpy as np
 
-from agents import peers
-from agents.navigator import pact
+from agents import lateness, peers
+from agents.navigator import estimate, pact, predict
 from agents.peers import Peer
+from swarm import geometry, messages
 from swarm.geometry import STILL, Pose, Twist
-from swarm.messages import Beacon
-from swarm.scenario import Robot, RobotSetup, Scenario
+from swarm.messages import Beacon, SensorFrame, Wheels
+from swarm.scenario import Disturbance, Robot, RobotSetup, Scenario
 from world import motion
 
 DT_S = 0.08
 PATIENCE_TICKS = 6
 LOSSES_MAX = 5  # in a row, on one link
+NO_DISTURBANCE = Disturbance()
 NOTHING = np.empty((0, 2))
 
 
@@ -66,16 +69,29 @@ def wish(draw: random.Random, mood: int, robot: Robot, pose: Pose, others: list[
     return Twist(fastest_mps * max(0.0, cos(error_rad)), 4.0 * error_rad)
 
 
-def least_gap_m(draw: random.Random, loss: float, ticks: int = 100) -> tuple[float, float]:
+def least_gap_m(
+    draw: random.Random,
+    loss: float,
+    ticks: int = 100,
+    declared: Disturbance = NO_DISTURBANCE,
+) -> tuple[float, float]:
     """Least distance of two bodies beyond both their pads in one run, and the way all went.
 
     Args:
         loss: probability that a beacon is lost; no more than LOSSES_MAX in a row are.
+        declared: errors of poses, late motors, speed errors; worst ones are drawn often.
     """
     bodies = robots(draw)
-    plan = Scenario(title="crowd", seed=0, dt_s=DT_S, duration_s=60.0, robots=tuple(bodies))
+    plan = Scenario(
+        title="crowd", seed=0, dt_s=DT_S, duration_s=60.0, robots=tuple(bodies),
+        disturbance=declared,
+    )  # fmt: skip
     setups = [plan.setup(body.name) for body in bodies]
     keeps_m = [body.body_radius_m + pact.pad_m(setup) for body, setup in _pairs(bodies, setups)]
+    factors = [1.0 + declared.speed_error * draw.choice((-1.0, 1.0)) for _ in bodies]
+    lates = [lateness.State(late_ticks=declared.latency_ticks) for _ in bodies]
+    wheres = [estimate.State() for _ in bodies]
+    lean_rad = draw.uniform(-pi, pi)
     poses, twists = [Pose(*body.start) for body in bodies], [STILL for _ in bodies]
     states = [pact.State() for _ in bodies]
     known: list[tuple[Beacon, ...]] = [() for _ in bodies]
@@ -97,27 +113,45 @@ def least_gap_m(draw: random.Random, loss: float, ticks: int = 100) -> tuple[flo
                     lost[link] = 0
                     heard.append(beacon)
             known[row] = peers.remember(known[row], heard, body.name, tick, PATIENCE_TICKS)
-            others = peers.now(known[row], poses[row], tick, DT_S)
+            seen = shown(draw, declared, poses[row], twists[row], factors[row], lean_rad, tick)
+            where = estimate.step(setup, wheres[row], seen)
+            assert where.pose is not None
+            assert where.carried is not None
+            pending = predict.pending(setup, lates[row], seen)
+            carried, now = (
+                predict.ahead(setup, lates[row], msgspec.structs.replace(seen, pose=pose))
+                for pose in (where.carried, where.pose)
+            )
+            others = peers.now(known[row], now.pose, tick, DT_S, declared.latency_ticks)
             if draw.random() < 0.05:
                 moods[row] = draw.randrange(3)
-            asked = wish(draw, moods[row], body, poses[row], others) if tick else STILL
+                lean_rad = draw.uniform(-pi, pi)
+            asked = wish(draw, moods[row], body, now.pose, others) if tick else STILL
             states[row], held = pact.hold(
-                setup, states[row], tick, poses[row], twists[row], asked, others, [], NOTHING, 0.0
+                setup, states[row], tick, now.pose, now.twist, asked, others, [], NOTHING, 0.0,
+                where, carried.pose, pending,
             )  # fmt: skip
-            set_point = motion.limited(body, twists[row], asked, dt_s=DT_S)
+            set_point = motion.limited(body, now.twist, asked, dt_s=DT_S)
             if held is not None:
                 set_point = held.set_point
+                where = where if held.corrects else estimate.carry(where)
+            assert where.pose is not None
+            lates[row] = lateness.send(lates[row], set_point)
+            wheres[row] = where
             beacon = Beacon(
-                body.name, tick, 0, poses[row], set_point, body.body_radius_m,
-                body.speed_mps_max, "GO", False, (0, 0, 0, row), promise=pact.promise(setup),
+                body.name, tick, 0, where.pose, set_point, body.body_radius_m,
+                body.speed_mps_max, "GO", False, (0, 0, 0, row),
+                promise=pact.promise(setup, set_point, where.doubt, pending),
             )  # fmt: skip
             states[row] = pact.send(setup, states[row], beacon)
             new.append(beacon)
         said = new
         for row, body in enumerate(bodies):
             before = poses[row]
+            sent = lates[row].sent
+            taken = sent[declared.latency_ticks] if len(sent) > declared.latency_ticks else STILL
             poses[row], twists[row] = motion.step(
-                body, before, twists[row], said[row].twist, dt_s=DT_S
+                body, before, twists[row], taken, dt_s=DT_S, speed_factor=factors[row]
             )
             way_m += dist((before.x_m, before.y_m), (poses[row].x_m, poses[row].y_m))
         for row, pose in enumerate(poses):
@@ -125,6 +159,29 @@ def least_gap_m(draw: random.Random, loss: float, ticks: int = 100) -> tuple[flo
                 apart_m = dist((pose.x_m, pose.y_m), (poses[other].x_m, poses[other].y_m))
                 gap_m = min(gap_m, apart_m - keeps_m[row] - keeps_m[other])
     return gap_m, way_m
+
+
+def shown(
+    draw: random.Random,
+    declared: Disturbance,
+    pose: Pose,
+    twist: Twist,
+    factor: float,
+    lean_rad: float,
+    tick: int,
+) -> SensorFrame:
+    """What a robot is told about itself: off by as much as may be, and often the same way."""
+    away_m, yaw_rad = declared.position_error_m_max, declared.yaw_error_rad_max
+    towards_rad = lean_rad if draw.random() < 0.7 else draw.uniform(-pi, pi)
+    pose = Pose(
+        pose.x_m + away_m * cos(towards_rad),
+        pose.y_m + away_m * sin(towards_rad),
+        geometry.wrap_angle(pose.yaw_rad + draw.choice((-1.0, 1.0)) * yaw_rad),
+    )
+    return SensorFrame(
+        "robot1", tick, 0, pose, motion.scaled(twist, 1.0 / factor), Wheels(0.0, 0.0), False,
+        messages.floats([]),
+    )  # fmt: skip
 
 
 def _pairs(bodies: list[Robot], setups: list[RobotSetup]) -> list[tuple[Robot, RobotSetup]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from math import cos, sin
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from agents.navigator import announce, brake, pact
 from swarm.geometry import Pose, Twist
 from swarm.run.bench.navigation.cases import NEUTRAL
+from swarm.scenario import Disturbance
 from tests.agents.navigator import crowd
 from world import motion
 
@@ -30,6 +32,28 @@ def test_robots_keep_apart_whatever_they_ask_for(
         assert gap_m >= -ROUNDING_M, f"crowd {number} at loss {loss}"
         gone_m += way_m
     assert gone_m > 2.0 * count  # or nobody moves, and nothing is tested
+
+
+DECLARED = Disturbance(
+    position_sigma_m=0.01, yaw_sigma_rad=0.0087, speed_error=0.05, latency_ticks=1
+)
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.2, 0.6])
+@pytest.mark.parametrize("latency_ticks", [0, 1, 3])
+def test_robots_keep_apart_whatever_disturbs_them(
+    loss: float, latency_ticks: int, request: pytest.FixtureRequest
+) -> None:
+    """Their bodies, where they truly are: errors are the worst declared ones, and lean one way."""
+    count = max(2, request.config.getoption("--crowds") // 4)
+    declared = msgspec.structs.replace(DECLARED, latency_ticks=latency_ticks)
+    gone_m = 0.0
+    for number in range(count):
+        draw = random.Random(f"disturbed {loss} {latency_ticks} {number}")
+        gap_m, way_m = crowd.least_gap_m(draw, loss, declared=declared)
+        assert gap_m >= -ROUNDING_M, f"crowd {number} at loss {loss}"
+        gone_m += way_m
+    assert gone_m > 2.0 * count
 
 
 @given(
