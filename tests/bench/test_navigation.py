@@ -76,10 +76,8 @@ def folder(tmp_path: Path) -> Path:
 
 def test_bench_navigation_shows_every_family_and_its_worst_runs_when_tiny(folder: Path) -> None:
     out = folder / "worst"
-    result = commands.swarm(
-        folder,
-        *f"bench navigation --tiny --controllers navigator --json --data {folder} --out {out}".split(),
-    )
+    line = f"bench navigation --tiny --controllers navigator --json --data {folder} --out {out}"
+    result = commands.swarm(folder, *line.split())
     assert result.returncode == 0, result.stderr
     found = msgspec.json.decode(result.stdout, type=rows.Navigation, strict=True)
     assert [row.family for row in found.rows] == list(FAMILIES)
