@@ -153,8 +153,9 @@ def watch(
     elapsed_s: float,
 ) -> tuple[State, msam.Map]:
     """What moves without being heard: known, off the map, and out of the memory."""
-    before, now = state.movers, movers.step(
-        setup, state.movers, seen, map.ranges_m, others, elapsed_s
+    before, now = (
+        state.movers,
+        movers.step(setup, state.movers, seen, map.ranges_m, others, elapsed_s),
     )
     known, trail = state.memory, movers.trail(before, now)
     if known is not None and len(trail):

@@ -8,6 +8,9 @@ Braking is not safe before what comes along: a robot that stands in its way is h
 courses go on for a while, in time, against where everything that moves will be: driving on, turning
 off, backwards, standing. Where obstacles end a course the robot stands from there on; that it can
 stop before them is the business of `brake`, which comes after.
+
+What moves may turn back at any moment. A course is better when, some ticks after that, there is
+still a way out.
 """
 
 from __future__ import annotations
@@ -24,12 +27,15 @@ from swarm.scenario import RobotSetup
 HORIZON_S = 2.4
 # Room to what moves, more of it later: it may turn, and its velocity is not exact.
 PAD_M, PAD_MPS, PAD_M_MAX = 0.06, 0.05, 0.14
+# What turns back: noticed after so many ticks; looked at for so long, with less room, when so near.
+TURNED_TICKS, TURNED_S, TURNED_PAD_M, TURNED_M = 3, 1.2, 0.04, 1.6
 NEAR_M = 4.8  # what is further away and moves does not matter within the horizon
 # Of the top speeds; ahead, back, or standing, turning for so long and then straight on.
 SPEEDS = np.array((1.0, 0.6, 0.3, 0.0, -0.5, -1.0))
 RATES = np.array((0.0, 0.3, -0.3, 0.7, -0.7, 1.0, -1.0))
 TURN_S = np.array((0.25, 0.6, 1.2))
 OFF_SPEED, OFF_RATE = 1.0, 0.3  # what it costs to be off what was asked, by the share of it
+TURNED_COST = 3.0  # and to be without a way out
 
 # Columns of what moves, from the robot's centre when a set-point takes effect, world axes.
 X, Y, V_X, V_Y, KEEP = range(5)
@@ -108,44 +114,136 @@ def choose(
     # 1. As asked, and on like that; or then any other way.
     first = np.array((asked_v_mps, asked_w_radps, 1.0))
     found = np.zeros(2)
-    then = np.array((asked_v_mps, asked_w_radps, 0.25 / dt_s))
-    fly(start, most, change, half_track_m, first, then, moving, points, room_m, dt_s, ticks, found)
-    if found[0] >= ticks:
+    free = leaves_a_way(
+        start, most, change, half_track_m, first, moving, points, room_m, dt_s, ticks,
+        PAD_M, speeds, rates, turn_s, found,
+    )  # fmt: skip
+    turned_ticks = min(ticks, int(TURNED_S / dt_s))
+    if free and bears_turns(
+        start, most, change, half_track_m, first, moving, points, room_m, dt_s, turned_ticks,
+        speeds, rates, turn_s, found,
+    ):  # fmt: skip
         return
+    # 2. The best of all others; what was asked itself, if nothing better is free.
     best_after = -1.0
     best_gap_m = -np.inf
     best_cost = np.inf
-    for round_ in range(2):
-        for s in range(len(speeds)):
-            v_mps = speeds[s] * (most[0] if speeds[s] > 0.0 else most[1])
-            for r in range(len(rates)):
-                w_radps = rates[r] * most[2]
-                for k in range(len(turn_s)):
-                    if rates[r] == 0.0 and k > 0:
-                        continue
-                    then[0], then[1], then[2] = v_mps, w_radps, turn_s[k] / dt_s
-                    if round_ == 1:
-                        first[0], first[1] = v_mps, w_radps
-                        cost = OFF_SPEED * abs(v_mps - asked_v_mps) / most[0]
-                        cost += OFF_RATE * abs(w_radps - asked_w_radps) / most[2]
-                        if best_after >= ticks and cost >= best_cost:
-                            continue
-                    fly(
-                        start, most, change, half_track_m, first, then, moving, points, room_m,
-                        dt_s, ticks, found,
-                    )  # fmt: skip
-                    if round_ == 0:
-                        if found[0] >= ticks:
-                            return
-                        continue
-                    better = found[0] > best_after or (
-                        found[0] == best_after and found[1] > best_gap_m
-                    )
-                    if found[0] >= ticks:
-                        better = best_after < ticks or cost < best_cost
-                    if better:
-                        best_after, best_gap_m, best_cost = found[0], found[1], cost
-                        result[0], result[1] = v_mps, w_radps
+    if free:
+        best_after, best_gap_m, best_cost = float(ticks), 0.0, TURNED_COST
+    then = np.zeros(3)
+    for s in range(len(speeds)):
+        v_mps = speeds[s] * (most[0] if speeds[s] > 0.0 else most[1])
+        for r in range(len(rates)):
+            w_radps = rates[r] * most[2]
+            cost = OFF_SPEED * abs(v_mps - asked_v_mps) / most[0]
+            cost += OFF_RATE * abs(w_radps - asked_w_radps) / most[2]
+            if best_after >= ticks and cost >= best_cost:
+                continue
+            for k in range(len(turn_s)):
+                if rates[r] == 0.0 and k > 0:
+                    continue
+                first[0], first[1], first[2] = v_mps, w_radps, 1.0
+                then[0], then[1], then[2] = v_mps, w_radps, turn_s[k] / dt_s
+                fly(
+                    start, most, change, half_track_m, first, then, moving, points, room_m,
+                    dt_s, ticks, PAD_M, found,
+                )  # fmt: skip
+                after, gap_m, paid = found[0], found[1], cost
+                if after >= ticks and not bears_turns(
+                    start, most, change, half_track_m, first, moving, points, room_m, dt_s,
+                    turned_ticks, speeds, rates, turn_s, found,
+                ):  # fmt: skip
+                    paid += TURNED_COST
+                if after >= ticks:
+                    better = best_after < ticks or paid < best_cost
+                else:
+                    better = after > best_after or (after == best_after and gap_m > best_gap_m)
+                if better:
+                    best_after, best_gap_m, best_cost = after, gap_m, paid
+                    result[0], result[1] = v_mps, w_radps
+
+
+@compiled
+def bears_turns(
+    start: Floats,
+    most: Floats,
+    change: Floats,
+    half_track_m: float,
+    first: Floats,
+    moving: Floats,
+    points: Floats,
+    room_m: float,
+    dt_s: float,
+    ticks: int,
+    speeds: Floats,
+    rates: Floats,
+    turn_s: Floats,
+    found: Floats,
+) -> bool:
+    """Whether there is a way out should any one of what moves nearby turn back now."""
+    one = np.array((first[0], first[1], float(TURNED_TICKS)))
+    turned = moving.copy()
+    for row in range(len(moving)):
+        x, y = moving[row, X], moving[row, Y]
+        near_m = moving[row, KEEP] + TURNED_M
+        v_x, v_y = moving[row, V_X], moving[row, V_Y]
+        # What comes nearer gets further away if it turns.
+        if x * x + y * y > near_m * near_m or x * v_x + y * v_y < 0.0:
+            continue
+        turned[row, V_X], turned[row, V_Y] = -v_x, -v_y
+        free = leaves_a_way(
+            start, most, change, half_track_m, one, turned, points, room_m, dt_s, ticks,
+            TURNED_PAD_M, speeds, rates, turn_s, found,
+        )  # fmt: skip
+        turned[row, V_X], turned[row, V_Y] = v_x, v_y
+        if not free:
+            return False
+    return True
+
+
+@compiled
+def leaves_a_way(
+    start: Floats,
+    most: Floats,
+    change: Floats,
+    half_track_m: float,
+    first: Floats,
+    moving: Floats,
+    points: Floats,
+    room_m: float,
+    dt_s: float,
+    ticks: int,
+    pad_m: float,
+    speeds: Floats,
+    rates: Floats,
+    turn_s: Floats,
+    found: Floats,
+) -> bool:
+    """Whether any course that begins with `first` is free."""
+    then = np.array((first[0], first[1], 0.25 / dt_s))
+    fly(
+        start, most, change, half_track_m, first, then, moving, points, room_m, dt_s, ticks,
+        pad_m, found,
+    )  # fmt: skip
+    if found[0] >= ticks:
+        return True
+    if found[0] < first[2]:
+        return False
+    for s in range(len(speeds)):
+        then[0] = speeds[s] * (most[0] if speeds[s] > 0.0 else most[1])
+        for r in range(len(rates)):
+            then[1] = rates[r] * most[2]
+            for k in range(len(turn_s)):
+                if rates[r] == 0.0 and k > 0:
+                    continue
+                then[2] = turn_s[k] / dt_s
+                fly(
+                    start, most, change, half_track_m, first, then, moving, points, room_m,
+                    dt_s, ticks, pad_m, found,
+                )  # fmt: skip
+                if found[0] >= ticks:
+                    return True
+    return False
 
 
 @compiled
@@ -161,12 +259,14 @@ def fly(
     room_m: float,
     dt_s: float,
     ticks: int,
+    least_m: float,
     found: Floats,
 ) -> None:
     """In which tick a course is hit, or `ticks`; least gap until then, m, into `found`.
 
     Args:
         first: v, omega, ticks for which these are asked.
+        least_m: room to what moves, at first.
         then: the same of what is asked after that; and then the same speed straight on.
     """
     cosine, sine, v, w = start[0], start[1], start[2], start[3]
@@ -199,7 +299,7 @@ def fly(
                     break
             if stands:
                 x, y, v, w = before_x, before_y, 0.0, 0.0
-        pad_m = min(PAD_M_MAX, PAD_M + PAD_MPS * tick * dt_s)
+        pad_m = min(PAD_M_MAX, least_m + PAD_MPS * tick * dt_s)
         for row in range(len(moving)):
             # Nearest within the tick, both going straight.
             from_x = moving[row, X] + tick * dt_s * moving[row, V_X] - before_x

@@ -30,7 +30,7 @@ from swarm.scenario import RobotSetup
 Flags = npt.NDArray[np.bool_]
 
 # Columns of a track: centre and velocity now, world; radius; number of its places; ticks since it
-# was seen; whether it moves; ticks with evidence for that; places off the expected one at a stretch;
+# was seen; whether it moves; ticks with evidence for that; whether it was where it was expected;
 # then WINDOW places, newest first: age in s, x, y.
 X, Y, V_X, V_Y, RADIUS, COUNT, MISSED, MOVES, EVIDENCE, STRIKES = range(10)
 PLACES, WINDOW = 10, 10
@@ -44,9 +44,12 @@ LINK_M = 0.2  # between hits of one body, and so much more for each m of the bea
 RADIUS_M = (0.04, 0.8)  # of what may move
 ROUND_M, ROUND_SHARE = 0.04, 0.25  # hits lie this near to the circle, and by this part of it
 GATE_M = 0.3  # a segment belongs to a track expected within this
-STRIKE_M = 0.05  # further off the expected place twice running, it has turned: the past is dropped
+ALIKE_SHARE = 0.3  # and only if it is as large, by this part of its radius
+# Further off the expected place it has turned: only so many places count then, two when it is near.
+STRIKE_M, STRIKE_NEAR_M = 0.05, 0.025
+NEAR_M = 2.0
 STRIKES_MAX = 2
-FRESH = 3  # places that count then
+FRESH = 3
 COUNT_MIN = 4  # places before it may move
 SPEED_MPS = 0.12  # what moves is faster, by three standard errors
 STILL_MPS = 0.06  # slower over all its window, it has stopped
@@ -58,7 +61,7 @@ HIDE_M = 0.12  # hits this near to what moves are its own
 EDGE_M = 0.2  # within this of the lidar's range a body may go on unseen
 PEER_M = 0.35  # what is this near to a peer is a peer
 # As peers: it may turn, and its place is not sure; who crosses passes behind it.
-ROOM_M, ROOM_S, LEAD_S = 0.08, 0.12, 0.2
+ROOM_M, ROOM_S, LEAD_S = 0.12, 0.2, 0.1
 SIGHT_M = 5.0
 
 
@@ -152,7 +155,14 @@ def step(
     hidden = b""
     if len(tracks) and (tracks[:, MOVES] > 0.0).any():
         hidden = hide(
-            tracks, hits_m.astype(np.float64), rays.units, pose.x_m, pose.y_m, ahead, aside, unsure_m
+            tracks,
+            hits_m.astype(np.float64),
+            rays.units,
+            pose.x_m,
+            pose.y_m,
+            ahead,
+            aside,
+            unsure_m,
         ).tobytes()
     scan = Scan(pose.x_m, pose.y_m, ahead, aside, raw_m.tobytes())
     return State(tracks.tobytes(), (scan, *state.scans)[:SCANS], hidden, frame.tick)
@@ -403,6 +413,10 @@ def follow(
         for index in range(known):
             if taken[index]:
                 continue
+            if tracks[index, COUNT] > COUNT_MIN:
+                unlike_m = abs(tracks[index, RADIUS] - segment[SIZE])
+                if unlike_m > ALIKE_SHARE * tracks[index, RADIUS] + beam_rad * segment[RANGE]:
+                    continue
             dx = tracks[index, X] + elapsed_s * tracks[index, V_X] - seen_x
             dy = tracks[index, Y] + elapsed_s * tracks[index, V_Y] - seen_y
             if dx * dx + dy * dy < best2:
@@ -433,9 +447,12 @@ def follow(
         if best >= 0 and track[COUNT] > COUNT_MIN:
             dx = track[X] + elapsed_s * track[V_X] - at_x
             dy = track[Y] + elapsed_s * track[V_Y] - at_y
-            off_m = STRIKE_M + unsure_m + 0.6 * beam_rad * away_m
+            is_near = away_m < NEAR_M and unsure_m == 0.0 and track[MOVES] > 0.0
+            off_m = (STRIKE_NEAR_M if is_near else STRIKE_M) + unsure_m + 0.6 * beam_rad * away_m
             track[STRIKES] = track[STRIKES] + 1.0 if dx * dx + dy * dy > off_m * off_m else 0.0
-            if track[STRIKES] >= STRIKES_MAX:
+            if is_near and track[STRIKES] > 0.0:
+                track[COUNT] = FRESH - 1
+            elif track[STRIKES] >= STRIKES_MAX:
                 track[STRIKES] = 0.0
                 track[COUNT] = FRESH
         places = int(track[COUNT])
@@ -443,7 +460,7 @@ def follow(
             track[X], track[Y], track[V_X], track[V_Y] = at_x, at_y, 0.0, 0.0
             continue
         track[X], track[Y], v_x, v_y, per = line(track, places)
-        if places < FRESH:
+        if places < FRESH and track[MOVES] == 0.0:
             track[X], track[Y], v_x, v_y = at_x, at_y, 0.0, 0.0
         track[V_X], track[V_Y] = v_x, v_y
         speed_mps = np.sqrt(v_x * v_x + v_y * v_y)
