@@ -7,11 +7,13 @@
 Each stage is a module of pure functions; what must be remembered is in one State.
 
 law       clearance -> speed and cost, the same for all stages
+movers    scans -> what moves and is not heard
 predict   pose and twist at which what is decided now takes effect
 memory    hits -> points in a window -> distances       (points: its inner loops)
 way       distances, goal -> way, sub-goal              (search, chords: its inner loops)
 speed     clearance along the way -> the highest speed
 forces    pull, points around -> the direction to steer in
+dodge     asked -> asked, out of the way of what moves
 brake     asked -> allowed: the robot can always stop without contact
 warm      all inner loops called once, before robots are started
 """

@@ -54,6 +54,7 @@ COUNT_MIN = 4  # places before it may move
 SPEED_MPS = 0.12  # what moves is faster, by three standard errors
 STILL_MPS = 0.06  # slower over all its window, it has stopped
 GONE_TICKS, LOST_TICKS = 3, 12  # unseen for longer: forgotten; one that moves, behind something
+PAUSE_TICKS = 6  # without a scan: then all is new
 SCANS = 6  # that are kept; the oldest one tells what was free
 FREE_M = 0.07  # by how much beyond it beams must have gone
 EVIDENCE_HITS, EVIDENCE_TICKS = 2, 2
@@ -123,6 +124,8 @@ def step(
         frame: as it was measured.
         hits_m: (beams,) without peers.
     """
+    if frame.tick - state.tick > PAUSE_TICKS:
+        state = State()
     # No beam tells what is free beyond the lidar's range.
     raw_m = np.minimum(frame.ranges_m(), setup.sensor.range_m).astype(np.float64)
     pose = frame.pose
@@ -149,7 +152,7 @@ def step(
     tracks = follow(
         state.rows(), found, raw_m, rays.units, rays.bounds, pose.x_m, pose.y_m, ahead, aside,
         2.0 * sine, elapsed_s, unsure_m,
-        np.frombuffer(old.ranges) if old else np.empty(0),
+        np.frombuffer(old.ranges if old else b""),
         np.array((old.x_m, old.y_m, old.ahead, old.aside)) if old else np.zeros(4),
     )  # fmt: skip
     hidden = b""

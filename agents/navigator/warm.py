@@ -5,11 +5,12 @@ A robot then pays for neither compiling nor loading within a tick.
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
 
 import numpy as np
 
 from agents import lateness, msam, navigator
+from agents.navigator import memory
 from swarm import messages, scenario
 from swarm.geometry import Pose, Twist
 from swarm.messages import SensorFrame, Wheels
@@ -31,10 +32,11 @@ goal = [99.0, 9.0]
 controller = "navigator"
 """
 TICKS = 14
+DISC_M = (0.4, 1.5, 0.25)  # from the robot, at first; it falls behind
 
 
 def up() -> None:
-    """Drive towards a wall that disappears, then stand elsewhere."""
+    """Drive towards a wall that disappears, beside a disc that moves, then stand elsewhere."""
     plan = scenario.decode(SCENE, "warm")
     for robot in plan.robots:
         setup = plan.setup(robot.name)
@@ -44,6 +46,11 @@ def up() -> None:
             if tick < TICKS // 2:
                 beams[len(beams) * 3 // 8 : len(beams) * 5 // 8] = 1.0 + 0.01 * tick
             x_m = 0.1 * tick if tick < TICKS - 1 else 8.0
+            for beam, (ahead, aside) in enumerate(memory.beams(len(beams)).units.tolist()):
+                along_m = ahead * (DISC_M[0] - 0.05 * tick) + aside * DISC_M[1]
+                off_m = aside * (DISC_M[0] - 0.05 * tick) - ahead * DISC_M[1]
+                if along_m > 0.0 and abs(off_m) < DISC_M[2]:
+                    beams[beam] = along_m - sqrt(DISC_M[2] * DISC_M[2] - off_m * off_m)
             frame = SensorFrame(
                 robot=robot.name,
                 tick=tick,
