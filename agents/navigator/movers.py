@@ -208,7 +208,9 @@ def as_peers(state: State, x_m: float, y_m: float, after_s: float) -> Floats:
         if geometry.length(off_x, off_y) > SIGHT_M:
             continue
         radius_m = float(row[RADIUS]) + ROOM_M + ROOM_S * speed_mps
-        rows.append((off_x, off_y, v_x, v_y, 0.0, 0.0, speed_mps, radius_m, 0.0, 1.0, 1.0))
+        rows.append(
+            (off_x, off_y, v_x, v_y, 0.0, 0.0, speed_mps, radius_m, 0.0, 1.0, table.LAWLESS)
+        )
     return np.array(rows) if rows else np.empty((0, table.COLUMNS))
 
 
