@@ -27,6 +27,8 @@ from swarm.scenario import RobotSetup
 HORIZON_S = 2.4
 # Room to what moves, more of it later: it may turn, and its velocity is not exact.
 PAD_M, PAD_MPS, PAD_M_MAX = 0.06, 0.05, 0.14
+# Where that cannot be had, so little has to do; and who is nearer already comes no nearer than so.
+TIGHT_M, CLOSER_M = 0.01, 0.01
 # What turns back: noticed after so many ticks; looked at for so long, with less room, when so near.
 TURNED_TICKS, TURNED_S, TURNED_PAD_M, TURNED_M = 3, 1.2, 0.04, 1.6
 NEAR_M = 4.8  # what is further away and moves does not matter within the horizon
@@ -131,36 +133,41 @@ def choose(
     if free:
         best_after, best_gap_m, best_cost = float(ticks), 0.0, TURNED_COST
     then = np.zeros(3)
-    for s in range(len(speeds)):
-        v_mps = speeds[s] * (most[0] if speeds[s] > 0.0 else most[1])
-        for r in range(len(rates)):
-            w_radps = rates[r] * most[2]
-            cost = OFF_SPEED * abs(v_mps - asked_v_mps) / most[0]
-            cost += OFF_RATE * abs(w_radps - asked_w_radps) / most[2]
-            if best_after >= ticks and cost >= best_cost:
-                continue
-            for k in range(len(turn_s)):
-                if rates[r] == 0.0 and k > 0:
+    for least_m in (PAD_M, TIGHT_M):
+        if least_m == TIGHT_M:
+            if best_after >= ticks:
+                return
+            best_after, best_gap_m, best_cost = -1.0, -np.inf, np.inf
+        for s in range(len(speeds)):
+            v_mps = speeds[s] * (most[0] if speeds[s] > 0.0 else most[1])
+            for r in range(len(rates)):
+                w_radps = rates[r] * most[2]
+                cost = OFF_SPEED * abs(v_mps - asked_v_mps) / most[0]
+                cost += OFF_RATE * abs(w_radps - asked_w_radps) / most[2]
+                if best_after >= ticks and cost >= best_cost and least_m > TIGHT_M:
                     continue
-                first[0], first[1], first[2] = v_mps, w_radps, 1.0
-                then[0], then[1], then[2] = v_mps, w_radps, turn_s[k] / dt_s
-                fly(
-                    start, most, change, half_track_m, first, then, moving, points, room_m,
-                    dt_s, ticks, PAD_M, found,
-                )  # fmt: skip
-                after, gap_m, paid = found[0], found[1], cost
-                if after >= ticks and not bears_turns(
-                    start, most, change, half_track_m, first, moving, points, room_m, dt_s,
-                    turned_ticks, speeds, rates, turn_s, found,
-                ):  # fmt: skip
-                    paid += TURNED_COST
-                if after >= ticks:
-                    better = best_after < ticks or paid < best_cost
-                else:
-                    better = after > best_after or (after == best_after and gap_m > best_gap_m)
-                if better:
-                    best_after, best_gap_m, best_cost = after, gap_m, paid
-                    result[0], result[1] = v_mps, w_radps
+                for k in range(len(turn_s)):
+                    if rates[r] == 0.0 and k > 0:
+                        continue
+                    first[0], first[1], first[2] = v_mps, w_radps, 1.0
+                    then[0], then[1], then[2] = v_mps, w_radps, turn_s[k] / dt_s
+                    fly(
+                        start, most, change, half_track_m, first, then, moving, points, room_m,
+                        dt_s, ticks, least_m, found,
+                    )  # fmt: skip
+                    after, gap_m, paid = found[0], found[1], cost
+                    if least_m > TIGHT_M and after >= ticks and not bears_turns(
+                        start, most, change, half_track_m, first, moving, points, room_m, dt_s,
+                        turned_ticks, speeds, rates, turn_s, found,
+                    ):  # fmt: skip
+                        paid += TURNED_COST
+                    if after >= ticks and least_m > TIGHT_M:
+                        better = best_after < ticks or paid < best_cost
+                    else:
+                        better = after > best_after or (after == best_after and gap_m > best_gap_m)
+                    if better:
+                        best_after, best_gap_m, best_cost = after, gap_m, paid
+                        result[0], result[1] = v_mps, w_radps
 
 
 @compiled
@@ -274,6 +281,10 @@ def fly(
     room2_m2 = room_m * room_m
     stands = False
     found[1] = np.inf
+    gaps_m = np.empty(len(moving))
+    for row in range(len(moving)):
+        apart2_m2 = moving[row, X] * moving[row, X] + moving[row, Y] * moving[row, Y]
+        gaps_m[row] = np.sqrt(apart2_m2) - moving[row, KEEP]
     for tick in range(ticks):
         before_x, before_y = x, y
         if not stands:
@@ -299,7 +310,9 @@ def fly(
                     break
             if stands:
                 x, y, v, w = before_x, before_y, 0.0, 0.0
-        pad_m = min(PAD_M_MAX, least_m + PAD_MPS * tick * dt_s)
+        pad_m = least_m
+        if least_m > TIGHT_M:
+            pad_m = min(PAD_M_MAX, least_m + PAD_MPS * tick * dt_s)
         for row in range(len(moving)):
             # Nearest within the tick, both going straight.
             from_x = moving[row, X] + tick * dt_s * moving[row, V_X] - before_x
@@ -314,8 +327,7 @@ def fly(
             gap_m = np.sqrt(near_x * near_x + near_y * near_y) - moving[row, KEEP]
             if gap_m < found[1]:
                 found[1] = gap_m
-            # Where it is too near already it may at least not come nearer.
-            if gap_m < pad_m and part > 0.0:
+            if gap_m < min(pad_m, max(0.0, gaps_m[row] - CLOSER_M)):
                 found[0] = tick
                 return
     found[0] = ticks
