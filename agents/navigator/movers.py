@@ -21,7 +21,7 @@ import numpy.typing as npt
 from agents.navigator import memory, table
 from agents.navigator.compiled import compiled
 from agents.navigator.points import bin_of
-from agents.peers import Peer
+from agents.peers import COORDINATE_M_MAX, Peer
 from swarm import geometry
 from swarm.geometry import Floats, Ranges
 from swarm.messages import SensorFrame
@@ -124,6 +124,8 @@ def step(
         frame: as it was measured.
         hits_m: (beams,) without peers.
     """
+    if max(abs(frame.pose.x_m), abs(frame.pose.y_m)) > COORDINATE_M_MAX:
+        return State()
     if frame.tick - state.tick > PAUSE_TICKS:
         state = State()
     # No beam tells what is free beyond the lidar's range.
