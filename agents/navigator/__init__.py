@@ -8,11 +8,13 @@ Each stage is a module of pure functions; what must be remembered is in one Stat
 
 estimate  pose shown, wheels -> pose believed in
 law       clearance -> speed and cost, the same for all stages
+movers    scans -> what moves and is not heard
 predict   pose and twist at which what is decided now takes effect
 memory    hits -> points in a window -> distances       (points: its inner loops)
 way       distances, goal -> way, sub-goal              (search, chords: its inner loops)
 speed     clearance along the way -> the highest speed
 forces    pull, points around -> the direction to steer in
+dodge     asked -> asked, out of the way of what moves
 brake     asked -> allowed: the robot can always stop without contact
 warm      all inner loops called once, before robots are started
 """
@@ -30,9 +32,11 @@ from agents.guard import Limit, share
 from agents.navigator import (
     brake,
     cells,
+    dodge,
     estimate,
     forces,
     memory,
+    movers,
     pact,
     predict,
     right_of_way,
@@ -122,12 +126,17 @@ class State(msgspec.Struct, frozen=True):
     where: estimate.State = estimate.State()
     since: Vec2 | None = None  # it has got no further from here
     since_s: float = 0.0  # for so long
+    movers: movers.State = movers.State()  # seen by the lidar only
 
 
 def redirect(state: State) -> State:
     """State of a robot that has got another goal: what it knows of obstacles stays."""
     return State(
-        memory=state.memory, turn_sense=state.turn_sense, pact=state.pact, where=state.where
+        memory=state.memory,
+        turn_sense=state.turn_sense,
+        pact=state.pact,
+        where=state.where,
+        movers=state.movers,
     )
 
 
@@ -156,25 +165,54 @@ def step(
 ) -> tuple[State, Wish]:
     """One tick on the way to `setup.robot.goal` by way of its way-points."""
     seen, frame = frame, predict.ahead(setup, late, frame)
+    state, map = watch(setup, state, seen, map, others, elapsed_s)
     others = later(setup, late, frame, others)
     state, aim = look(setup, state, seen, frame, map, others, elapsed_s)
     if state.failed:
         state = msgspec.structs.replace(state, intent=Intent(), yields_to=None)
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
     rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m)
-    rows[:, table.RADIUS] += 2.0 * estimate.error_m(
-        setup
-    )  # the guard keeps them so much further off
+    more_m = 2.0 * estimate.error_m(setup)  # the guard keeps them so much further off
+    rows[:, table.RADIUS] += more_m
+    after_s = late.late_ticks * setup.dt_s
+    moving = movers.as_peers(state.movers, frame.pose.x_m, frame.pose.y_m, after_s)
     if len(rows):
         aim = straightened(setup, state, seen, frame, map, aim)
     reach_m = setup.robot.body_radius_m + max(setup.navigator.reach_m, setup.navigator.barrier_m)
-    if len(rows):
+    if len(rows) or len(moving):
         reach_m = max(reach_m, right_of_way.SIGHT_M, cells.reach_m(setup.robot))
     points_m = obstacles(setup, state, seen, frame, map, reach_m)
     state, aim, course = give_way(setup, state, frame, others, rows, near, points_m, aim, elapsed_s)
+    rows = np.concatenate((rows, moving)) if len(moving) else rows
     state, choice = choose(setup, state, frame, rows, points_m, aim, course)
     state, wish = drive(setup, state, frame, rows, points_m, aim, course, choice)
     return say_blocked(state, frame, wish, elapsed_s, among=len(others) > 0)
+
+
+def watch(
+    setup: RobotSetup,
+    state: State,
+    seen: SensorFrame,
+    map: msam.Map,
+    others: Sequence[Peer],
+    elapsed_s: float,
+) -> tuple[State, msam.Map]:
+    """What moves without being heard: known, off the map, and out of the memory."""
+    before, now = (
+        state.movers,
+        movers.step(setup, state.movers, seen, map.ranges_m, others, elapsed_s),
+    )
+    known, trail = state.memory, movers.trail(before, now)
+    if known is not None and len(trail):
+        known = memory.cleared(law(setup.navigator, setup.robot.body_radius_m), known, trail)
+    state = msgspec.structs.replace(state, movers=now, memory=known)
+    return state, without(state, seen, map)
+
+
+def without(state: State, seen: SensorFrame, map: msam.Map) -> msam.Map:
+    """The map of this tick without what moves."""
+    ranges_m = state.movers.without(map.ranges_m, seen.tick)
+    return map if ranges_m is map.ranges_m else msgspec.structs.replace(map, ranges_m=ranges_m)
 
 
 def look(
@@ -521,6 +559,14 @@ def hold(
         others: peers whose bodies are not on the map.
     """
     frame = predict.ahead(setup, late, seen)
+    map = without(state, seen, map)
+    moving = movers.ahead(
+        state.movers, frame.pose.x_m, frame.pose.y_m, late.late_ticks * setup.dt_s
+    )
+    if len(moving):
+        far_m = obstacles(setup, state, seen, frame, map, dodge.reach_m(setup))
+        heading = geometry.unit(frame.pose.yaw_rad)
+        asked = dodge.ask(setup, heading, frame.twist, asked, moving, far_m)
     reach_m = brake.reach_m(setup, max(abs(frame.twist.speed_mps), abs(asked.speed_mps)))
     points_m = obstacles(setup, state, seen, frame, map, reach_m)
     others = later(setup, late, frame, others)

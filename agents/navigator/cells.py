@@ -194,8 +194,9 @@ def least(
     want_x, want_y = speed_mps * way_x, speed_mps * way_y
     meets = False
     for row in range(count):
+        # What keeps no rules is passed on whichever side is nearer.
         if (
-            peers[row, table.RISK] > 0.0
+            0.0 < peers[row, table.RISK] < table.LAWLESS
             and peer_s(want_x, want_y, said_x, said_y, radius_m, peers[row]) < MEET_S
         ):
             meets = True

@@ -217,6 +217,34 @@ def without(law: Law, memory: Memory, pose: Pose, radius_m: float) -> Memory:
     )
 
 
+def cleared(law: Law, memory: Memory, discs: Floats) -> Memory:
+    """Memory that has forgotten what lies in some discs; the same when nothing does.
+
+    Args:
+        discs: (discs, 3) m, world: x, y, radius.
+    """
+    points_mm = memory.points_mm()
+    middle_mm = np.array(memory.origin_mm)
+    lost = np.zeros(len(points_mm), dtype=np.bool_)
+    for x_m, y_m, radius_m in discs.tolist():
+        away_mm = points_mm - (np.array((1000.0 * x_m, 1000.0 * y_m)) - middle_mm)
+        lost |= away_mm[:, 0] ** 2 + away_mm[:, 1] ** 2 < (1000.0 * radius_m) ** 2
+    if not lost.any():
+        return memory
+    field_mm = _stamped(law, memory.field_mm(law), points_mm, memory.stamped).copy()
+    kept_mm = points_mm[~lost]
+    points.unstamp(field_mm, points_mm[lost], kept_mm, law.cell_mm, law.reach_mm)
+    return msgspec.structs.replace(
+        memory,
+        points=kept_mm.tobytes(),
+        misses=np.frombuffer(memory.misses, dtype=np.uint8)[~lost].tobytes(),
+        field=field_mm.tobytes(),
+        stamped=len(kept_mm),
+        version=memory.version + 1,
+        grown=memory.version + 1,
+    )
+
+
 def _stamped(law: Law, field_mm: Field, points_mm: Points, first: int) -> Field:
     """The same field, or a copy in which the points from `first` on count too; read-only."""
     if first == len(points_mm):

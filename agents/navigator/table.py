@@ -17,10 +17,11 @@ SIGHT_M = 5.5  # who is further away does not matter yet
 
 # Columns: where it is from here, m; the velocity it means to have, m/s; where it wants to go, m
 # from here; its top speed, body radius; whether it is on its way there; which part of giving way
-# to it is ours; whether it is a risk at all.
+# to it is ours; whether it is a risk at all, LAWLESS if no right of way holds for it.
 X, Y, U_X, U_Y, TARGET_X, TARGET_Y, SPEED, RADIUS, ACTIVE, SHARE, RISK = range(11)
 COLUMNS = 11
 
+LAWLESS = 2.0
 SHARE_OPEN = 0.5  # both give way alike
 SHARE_PARKED = 0.6  # one that stands at its goal makes room, but less
 SHARE_OTHERS = 0.8  # other controllers make little room

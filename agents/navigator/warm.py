@@ -5,12 +5,12 @@ A robot then pays for neither compiling nor loading within a tick.
 
 from __future__ import annotations
 
-from math import inf, pi
+from math import inf, pi, sqrt
 
 import numpy as np
 
 from agents import robot
-from agents.navigator import gaps
+from agents.navigator import gaps, memory
 from swarm import messages, scenario
 from swarm.geometry import Pose, Twist
 from swarm.messages import Beacon, SensorFrame, Wheels
@@ -32,10 +32,11 @@ goal = [-99.0, 0.0]
 controller = "navigator"
 """
 TICKS = 14
+DISC_M = (0.4, 1.5, 0.25)  # from the robot, at first; it falls behind
 
 
 def up() -> None:
-    """Drive towards each other, lose sight of the wall, then stand elsewhere, alone."""
+    """Drive towards each other beside a disc that moves, lose sight of the wall, stand alone."""
     plan = scenario.decode(SCENE, "warm")
     setups = [plan.setup(one.name) for one in plan.robots]
     states = [robot.init(setup) for setup in setups]
@@ -49,6 +50,11 @@ def up() -> None:
             x_m, y_m, _ = setup.robot.start
             side = 1.0 - 2.0 * number
             x_m = x_m + 0.1 * side * tick if tick < TICKS - 1 else 12.0 * side
+            for beam, (ahead, aside) in enumerate(memory.beams(len(beams)).units.tolist()):
+                along_m = ahead * (DISC_M[0] - 0.05 * tick) + aside * DISC_M[1]
+                off_m = aside * (DISC_M[0] - 0.05 * tick) - ahead * DISC_M[1]
+                if along_m > 0.0 and abs(off_m) < DISC_M[2]:
+                    beams[beam] = along_m - sqrt(DISC_M[2] * DISC_M[2] - off_m * off_m)
             frame = SensorFrame(
                 robot=setup.robot.name,
                 tick=tick,
