@@ -56,7 +56,7 @@ class RobotParameters(_Part, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     goal_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.1
     via_tolerance_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.5
     # one of CONTROLLERS, or a file's name in agents/controllers
-    controller: Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,63}\Z")] = "extended"
+    controller: Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,63}\Z")] = "navigator"
     # kinematic: the wheels are ideal; dynamic: torques, masses and friction, eq. 8 to 16
     motion: Literal["kinematic", "dynamic"] = "kinematic"
     mass_kg: Annotated[float, Meta(ge=0.01, le=1e4)] = 12.0

@@ -377,20 +377,21 @@ def give_up(
 ) -> State:
     """State with what there is to say about there being no way.
 
-    A peer that stands in sight may be what closes it, and may go: that is too long at worst.
+    A peer in sight may be what closes it, and may go: as long as there is one it does not give up.
     """
     replace = msgspec.structs.replace
     assert state.way is not None
     if state.held:
         elapsed_s = 0.0
     closed_s = state.closed_s + elapsed_s if state.way.closed else 0.0
-    if any(peers.stands(one.beacon) and one.distance_m < setup.sensor.range_m for one in others):
+    in_sight = [one for one in others if one.distance_m < setup.sensor.range_m]
+    if any(peers.stands(one.beacon) for one in in_sight):
         closed_s = min(closed_s, state.closed_s)
     best_m, best_s = state.best_m, state.best_s + elapsed_s
     if goal_m < best_m - NEARER_M:
         best_m, best_s = goal_m, 0.0
     failed = state.failed
-    if others:  # they may be what is in the way, and go: no more than blocked
+    if in_sight:  # they may be what is in the way, and go: no more than blocked
         return replace(state, closed_s=closed_s, best_m=best_m, best_s=best_s)
     if not failed and closed_s > CLOSED_S and state.forgot:
         failed = "enclosed"

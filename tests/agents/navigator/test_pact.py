@@ -56,6 +56,27 @@ def test_robots_keep_apart_whatever_disturbs_them(
     assert gone_m > 2.0 * count
 
 
+def test_the_guard_decides_alike_compiled_and_plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    admit = pact.admit
+    plain = getattr(admit, "py_func", admit)
+    calls = 0
+
+    def both(*arguments: object) -> None:
+        nonlocal calls
+        calls += 1
+        others = [part.copy() if isinstance(part, np.ndarray) else part for part in arguments]
+        with np.errstate(all="ignore"):
+            admit(*arguments)
+            plain(*others)
+        for one, other in zip(arguments, others, strict=True):
+            if isinstance(one, np.ndarray):
+                assert one.tobytes() == np.asarray(other).tobytes()
+
+    monkeypatch.setattr(pact, "admit", both)
+    crowd.least_gap_m(random.Random("alike"), 0.2)
+    assert calls > 50
+
+
 @given(
     yaw_rad=st.floats(-3.1, 3.1),
     speed_mps=st.floats(-0.4, 1.0),

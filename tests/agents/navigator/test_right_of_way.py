@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents import peers
-from agents.navigator import announce, cells, gaps, pact, roundabout, stuck, table
+from agents.navigator import announce, cells, gaps, roundabout, stuck, table
 from swarm.geometry import Floats, Pose, Twist
 from swarm.messages import Beacon, Intent, Passage
 
@@ -175,19 +175,6 @@ def peers_rows() -> Floats:
     return rows
 
 
-def pact_rows() -> Floats:
-    count = 6
-    rows = np.zeros((count, pact.FRESH + 1))
-    rows[:, :2] = RANDOM.uniform(-1.0, 1.0, (count, 2))
-    rows[:, 2], rows[:, 4], rows[:, 5] = 1.0, 0.7, 0.3
-    rows[:, 6], rows[:, 7] = 0.144, 0.64
-    rows[:, pact.KEEP] = 0.45
-    rows[:, pact.AGE] = (1, 1, 2, 3, 1, 1)
-    rows[4, pact.KIND] = pact.STATIC
-    rows[:, pact.FRESH] = (1, 1, 1, 0, 1, 1)
-    return rows
-
-
 BODY = np.array((0.0, 0.0, 1.0, 0.0, 0.8, 0.2, 0.144, 0.64))
 CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
     (announce.path, (BODY, DT_S, 2, np.empty((8, 2)))),
@@ -207,14 +194,6 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
         ),
     ),
     (cells.is_clear, (RANDOM.uniform(-2.0, 2.0, (40, 2)), 1.0, 1.0, 0.3)),
-    (
-        pact.admit,
-        (
-            *(BODY, np.stack((BODY, BODY)), 2, np.array((1.0, 0.4, 2.5)), 0.17),
-            *(np.array((0.16, 0.64)), 1.0, -0.5, pact_rows(), np.full((6, 9), 0.1)),
-            *(RANDOM.uniform(-1.0, 1.0, (20, 2)), 0.23, DT_S, np.array(pact.PARTS), np.zeros(4)),
-        ),
-    ),
 ]
 
 
