@@ -31,7 +31,7 @@ WAITS_COLOUR = "#f56565"
 # Points; the leader's gold is near to other yellows upon white, and others follow in its line.
 RIM, LEADER_RIM = 0.7, 2.2
 LINE, LEADER_LINE = 1.4, 3.0
-LineStyle = Literal["-"] | tuple[float, tuple[int, int]]
+LineStyle = Literal["-", ":"] | tuple[float, tuple[int, int]]
 DASHED: LineStyle = (0.0, (4, 2))
 
 

@@ -128,7 +128,11 @@ def fields(pairs: Sequence[Mapping[str, Tracks]]) -> Figure:
     figure.set_layout_engine("constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     own = drawing.colours(next(iter(pairs[0].values())), drawing.LINE_SHARE)[0]
-    styles: tuple[tuple[drawing.LineStyle, str], ...] = (("-", own), (drawing.DASHED, drawing.INK))
+    styles: tuple[tuple[drawing.LineStyle, str], ...] = (
+        ("-", own),
+        (drawing.DASHED, drawing.INK),
+        (":", drawing.INK),
+    )
     for axes, pair in zip(grid.flat, pairs, strict=False):
         for (style, colour), path in zip(styles, pair.values(), strict=False):
             drawing.ways(axes, path, style, colour)
@@ -147,7 +151,7 @@ def fields(pairs: Sequence[Mapping[str, Tracks]]) -> Figure:
         for (style, colour), name in zip(styles, names, strict=False)
     ]
     handles.append(drawing.dot(f"{names[0]}, every {step_s:g} s"))
-    figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False)
+    figure.legend(handles=handles, loc="outside upper center", ncols=4, frameon=False)
     return figure
 
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dashboards import figures
 from swarm.run.reproduce import claims, experiments
 from swarm.run.reproduce.claims import Run
-from swarm.run.reproduce.experiments import CONTROLLERS, Claim, Experiment, Figure, Picture
+from swarm.run.reproduce.experiments import Claim, Experiment, Figure, Picture
 
+CONTROLLERS = (*experiments.CONTROLLERS, "navigator")
 SEEDS = 8  # fields of Fig. 10; the paper shows one, of unknown obstacles
 
 
@@ -34,12 +35,12 @@ def _crossing(seeds: int) -> Figure:
     every = tuple(experiment for some in runs.values() for experiment in some)
 
     def draw(runs: Sequence[Run]) -> bytes:
-        halves = (runs[:seeds], runs[seeds:])
-        pairs = [
-            {name: run.tracks for name, run in zip(CONTROLLERS, pair, strict=True)}
-            for pair in zip(*halves, strict=True)
+        parts = [runs[first : first + seeds] for first in range(0, len(runs), seeds)]
+        fields = [
+            {name: run.tracks for name, run in zip(CONTROLLERS, some, strict=True)}
+            for some in zip(*parts, strict=True)
         ]
-        return figures.png(figures.fields(pairs))
+        return figures.png(figures.fields(fields))
 
     return Figure(
         "Fig. 10: trajectories of a single robot among random obstacles",
