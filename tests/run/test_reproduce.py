@@ -385,6 +385,6 @@ def test_claim_that_is_not_met_is_exit_1_and_named(
     line = "reproduce fig11 --seeds 1 --bus memory --out out"
     done = processes.here(monkeypatch, capsys, folder, line)
     assert done.returncode == 1
-    assert done.stdout.count("NOT MET") == 2
-    assert "0 of 2 claims met, 2 runs" in done.stdout
-    assert (folder / "out" / "index.html").read_text("utf-8").count("NOT MET") == 4
+    assert done.stdout.count("NOT MET") == 3
+    assert "0 of 3 claims met, 3 runs" in done.stdout
+    assert (folder / "out" / "index.html").read_text("utf-8").count("NOT MET") == 6
