@@ -53,6 +53,8 @@ ONLY = {
     "psutil": ("swarm.runs", "swarm.run"),
     "setproctitle": ("swarm.lifetime", "swarm.run"),
 }
+# pure in what it decides, but it keeps machine code on disk
+KEEPS_FILES = {"agents.navigator.compiled"}
 # what no pure module may import: clocks, randomness, files, processes
 IMPURE = {"time", "random", "os", "pathlib", "subprocess", "socket", "threading", "datetime"}
 
@@ -126,7 +128,7 @@ def pure_modules() -> list[str]:
         name
         for name in MODULES
         if inside(name, ("swarm", "agents", "world"))
-        and name not in SHELLS
+        and name not in SHELLS | KEEPS_FILES
         and not inside(name, ("swarm.run",))
     )
 

@@ -151,7 +151,7 @@ def test_pairs_pass_head_on_as_in_figure_12(strategy: str) -> None:
                 f"[[robots]]\nname = 'robot{number}'\nstart = [{way}, {y_m}, {yaw_rad}]\n"
                 f"goal = [{-way}, {y_m}]\n"
             )
-    outcome = run("".join(rows), f"priority.strategy={strategy}")
+    outcome = run("".join(rows), f"priority.strategy={strategy}", "robot.controller=extended")
     assert outcome.contacts == 0
     assert outcome.arrived_s < 25.0
     assert outcome.yields["robot1"] == 0

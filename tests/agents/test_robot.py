@@ -459,7 +459,8 @@ def test_leader_slows_down_for_a_follower_that_lags() -> None:
 
 
 def test_guard_holds_a_robot_that_drives_at_a_wall() -> None:
-    command = first(scenes.alone(), scenes.frame(twist=Twist(0.6, 0.0), ranges_m=scenes.wall(0.35)))
+    frame = scenes.frame(twist=Twist(0.6, 0.0), ranges_m=scenes.wall(0.35))
+    command = first(scenes.alone(controller="extended"), frame)
     assert command.trace.limited_by == "brake"
     assert command.set_point.speed_mps <= command.trace.speed_limit_mps < 0.6
 
@@ -476,7 +477,8 @@ def test_robot_goes_round_a_peer_that_stands_but_not_one_that_moves() -> None:
 
 
 def test_robots_that_are_moving_obstacles_stay_on_the_map_and_repel() -> None:
-    setup = scenes.alone(row=1, priority=Priority(strategy="mutual"))
+    mutual = Priority(strategy="mutual")
+    setup = scenes.alone(row=1, priority=mutual, controller="extended")
     heard = scenes.beacon("robot2", Pose(0.9, 0.1, 0.0))
     ranges_m = scenes.scan([(0.9, 0.1, 0.22)], scenes.ORIGIN)
     trace = first(setup, scenes.frame(ranges_m=ranges_m, beacons=(heard,))).trace
@@ -502,7 +504,7 @@ def test_trace_tells_what_was_seen_and_added_up() -> None:
 
 
 def test_robot_that_has_failed_says_why_and_stands() -> None:
-    setup = scenes.alone()
+    setup = scenes.alone(controller="extended")
     given_up = robot.State(seeking=seek.State(rotation=rotation.State(failed="enclosed")))
     state, command = robot.step(setup, given_up, scenes.frame())
     assert (command.beacon.mode, command.beacon.reason) == ("FAILED", "enclosed")
