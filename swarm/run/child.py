@@ -40,8 +40,6 @@ class Child:
         self.log = log_path
         self._log_begins = log_path.stat().st_size if log_path.exists() else 0
         context = multiprocessing.get_context("forkserver")
-        # Zenoh's threads come and go with every robot that starts; each would leave a heap behind.
-        os.environ.setdefault("MALLOC_ARENA_MAX", "2")
         context.set_forkserver_preload(PRELOAD)
         with without_main():
             self._process: ForkServerProcess = context.Process(
