@@ -87,6 +87,15 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
     (brake.slower, (0.7, -1.3, 0.1, 0.2)),
     (brake.places, (0.9, -1.3, 0.1, 0.9, 0.08, 0.6, 0.8, 14)),
     (brake.nearest_of, (NEAR,)),
+    (brake.room_of, (NEAR, 0.22, 0.05)),
+    (
+        brake.first_free,
+        (
+            *(NEAR + 0.45, np.array(brake.SHARES)),
+            np.array([1.0, 0.5, 2.5, 0.16, 0.64, 0.144, 0.12, 0.08, 0.2, 0.05]),
+            *(0.9, -1.3, 1.0, -1.0, 0.6, 0.8),
+        ),
+    ),
     (brake.keeps_off, (NEAR, brake.places(0.9, -1.3, 0.1, 0.9, 0.08, 0.6, 0.8, 14), 0.25)),
     (search.estimate, (5, -7)),
     (search.line_key, (5, -7, 1, 2, 600, 800)),
