@@ -63,11 +63,15 @@ def remember(
     """
     newest = {beacon.name: beacon for beacon in known}
     for beacon in heard:
-        old = newest.get(beacon.name)
-        if old is not None and (beacon.incarnation, beacon.tick) < (old.incarnation, old.tick):
+        key = beacon.name
+        old = newest.get(key)
+        if old is not None and (
+            beacon.incarnation < old.incarnation
+            or (beacon.incarnation == old.incarnation and beacon.tick < old.tick)
+        ):
             continue
-        if beacon.tick <= tick and beacon.name != name and _is_plausible(beacon):
-            newest[beacon.name] = beacon
+        if beacon.tick <= tick and key != name and _is_plausible(beacon):
+            newest[key] = beacon
     return tuple(
         [newest[key] for key in sorted(newest) if 0 <= tick - newest[key].tick <= ticks_max]
     )
@@ -80,6 +84,8 @@ def lose(
     dt_s: float,
 ) -> tuple[Body, ...]:
     """Bodies of all that were heard once and are silent now, in order of their names."""
+    if not bodies and [one.name for one in before] == [one.name for one in known]:
+        return bodies  # as in nearly every tick
     heard = {beacon.name for beacon in known}
     gone = [beacon for beacon in before if beacon.name not in heard]
     if not gone and not any(body.name in heard for body in bodies):
@@ -112,7 +118,9 @@ def now(
 def moved(beacon: Beacon, ticks: int, dt_s: float) -> Pose:
     """Where a peer is so many ticks after its beacon: twists under way first, then its newest."""
     pose = beacon.pose
-    pending = beacon.promise.pending[:ticks] if beacon.promise is not None else ()
+    if beacon.promise is None or not beacon.promise.pending:
+        return geometry.advance(pose, beacon.twist, ticks * dt_s)
+    pending = beacon.promise.pending[:ticks]
     for twist in pending:
         pose = geometry.advance(pose, twist, dt_s)
     return geometry.advance(pose, beacon.twist, (ticks - len(pending)) * dt_s)
@@ -187,8 +195,9 @@ def stands(beacon: Beacon) -> bool:
 def _is_plausible(beacon: Beacon) -> bool:
     pose, twist = beacon.pose, beacon.twist
     rates = abs(twist.speed_mps) + abs(twist.turn_rate_radps)
-    for under_way in beacon.promise.pending if beacon.promise is not None else ():
-        rates = max(rates, abs(under_way.speed_mps) + abs(under_way.turn_rate_radps))
+    if beacon.promise is not None:
+        for under_way in beacon.promise.pending:
+            rates = max(rates, abs(under_way.speed_mps) + abs(under_way.turn_rate_radps))
     return (
         abs(pose.x_m) + abs(pose.y_m) <= COORDINATE_M_MAX
         and rates + abs(beacon.formation_turn_rate_radps) <= RATE_MAX

@@ -47,6 +47,9 @@ SIDE_MAX = 65_536
 # --- pieces -------------------------------------------------------------------------------------
 
 
+_TYPES: dict[str, np.dtype[Any]] = {name: np.dtype(name) for name in ("<f4", "<f8", "<i4")}
+
+
 class Array(msgspec.Struct, frozen=True, array_like=True):
     """A numeric array as raw little-endian bytes; raises ValueError when the size does not fit."""
 
@@ -68,7 +71,8 @@ class Array(msgspec.Struct, frozen=True, array_like=True):
 
     def numpy(self) -> npt.NDArray[Any]:
         """Read-only view of the bytes."""
-        return np.frombuffer(self.data, dtype=self.dtype).reshape(self.shape)
+        flat = np.frombuffer(self.data, _TYPES[self.dtype])
+        return flat if len(self.shape) == 1 else flat.reshape(self.shape)
 
 
 def array(values: npt.NDArray[Any]) -> Array:
