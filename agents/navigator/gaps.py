@@ -25,6 +25,7 @@ from swarm.passages import OPPOSITE, SAME, of_axis, same_line
 # Of a gap: wider than a body by this, narrower than two by that.
 SLACK_M, TWO_ABREAST_M = 0.15, 0.25
 ASIDE_M, SIGHT_M = 0.4, 3.6  # its middle is this near to the way, and to the robot
+ROUNDING_M = 1e-6
 ACROSS_MIN = 0.35  # sine of the angle between chord and way
 FLANK_M, FLANK_NEAR_M = 1.4, 0.35  # both posts go on as walls: a hit this near to so far beyond
 BLOCKED_SHARE = 0.3  # of its width: something this near to its middle, and it is no gap
@@ -322,6 +323,14 @@ def find(
     """
     count = points.shape[0]
     best = np.inf
+    # Cells that can be near enough to the middle of a chord in sight.
+    near = np.empty(path.shape[0], dtype=np.int64)
+    nears = 0
+    for cell in range(1, path.shape[0]):
+        off_m = SIGHT_M + ASIDE_M + ROUNDING_M
+        if path[cell, 0] * path[cell, 0] + path[cell, 1] * path[cell, 1] < off_m * off_m:
+            near[nears] = cell
+            nears += 1
     for one in range(count):
         for other in range(one + 1, count):
             x_m = points[other, 0] - points[one, 0]
@@ -339,7 +348,8 @@ def find(
             unit_x, unit_y = x_m / width_m, y_m / width_m
             # Where the way crosses the chord, or comes nearest to its middle.
             nearest_m2, nearest = ASIDE_M * ASIDE_M, -1
-            for cell in range(1, path.shape[0]):
+            for number in range(nears):
+                cell = near[number]
                 off_x, off_y = path[cell, 0] - middle_x, path[cell, 1] - middle_y
                 off_m2 = off_x * off_x + off_y * off_y
                 if off_m2 < nearest_m2:
