@@ -85,7 +85,22 @@ def update(setup: RobotSetup, ranges_m: Ranges, peers: Iterable[Peer]) -> Map:
         ranges_m[hidden] = inf
     ranges_m = ranges_m.view()
     ranges_m.setflags(write=False)
-    sectors_m = sector_ranges(ranges_m, setup.msam.sectors, setup.sensor.range_m / setup.msam.rings)
+    ring_m = setup.sensor.range_m / setup.msam.rings
+    return of(setup, ranges_m, sector_ranges(ranges_m, setup.msam.sectors, ring_m), beams_m)
+
+
+def of(
+    setup: RobotSetup,
+    ranges_m: Ranges,
+    sectors_m: list[float],
+    beams_m: list[float] | None = None,
+) -> Map:
+    """Map of hits and of the sectors made from them.
+
+    Args:
+        ranges_m: (beams,) m, read-only, without those of peers; `beams_m` the same.
+        sectors_m: of `sector_ranges`.
+    """
     runs = linked_runs(sectors_m, setup.field.rho_m, setup.msam.link_distance_m)
     clusters = [_arc(sectors_m, run, 0, 1, 1.0) for run in runs]
     arcs: list[Arc] = []
@@ -93,7 +108,7 @@ def update(setup: RobotSetup, ranges_m: Ranges, peers: Iterable[Peer]) -> Map:
         arcs += split(sectors_m, run, setup.msam.split_rad, whole=cluster)
     nearest_m = min(sectors_m)
     return Map(
-        beams_m=beams_m,
+        beams_m=ranges_m.tolist() if beams_m is None else beams_m,
         ranges_m=ranges_m,
         sectors_m=sectors_m,
         clusters=tuple(clusters),

@@ -141,8 +141,11 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
 
     # 2. Look: the map, without the bodies that are dealt with as peers.
     masked = [peer for peer in others if is_masked(setup, role, peer)]
-    ranges_m, complete = health.known_ranges(frame.ranges_m())
-    map = msam.update(setup, ranges_m, masked)
+    if drives:
+        map, complete = navigator.see(setup, frame.ranges_m(), masked)
+    else:
+        ranges_m, complete = health.known_ranges(frame.ranges_m())
+        map = msam.update(setup, ranges_m, masked)
     well = health.step(
         setup, state.health, frame, map, others, state.command, trusted=sane and complete
     )

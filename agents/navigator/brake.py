@@ -187,7 +187,7 @@ def first_free(
             scale = limits[V_MAX] / rim_mps
             v *= scale
             w *= scale
-        ticks = min(TICKS_MAX, 2 + int(ceil(abs(v) / limits[BRAKES])))
+        ticks = min(TICKS_MAX, 2 + ceil(abs(v) / limits[BRAKES]))
         way_m = places(v, w, limits[BRAKES], change_radps, dt_s, ahead, aside, ticks)
         if keeps_off(points_m, way_m, keep_m):
             return number

@@ -106,7 +106,7 @@ class State(msgspec.Struct, frozen=True):
         return left_m
 
 
-# What there is where there is nothing; not read-only, which inner loops would take for another type.
+# Where there is nothing; not read-only, which inner loops would take for another type.
 _NO_SCAN = Scan(0.0, 0.0, 0.0, 0.0, b"")
 _NO_TRACKS: Floats = np.empty((0, COLUMNS))
 _NO_BODIES: Floats = np.empty((0, 3))

@@ -205,6 +205,58 @@ def gather(
 
 
 @compiled
+def is_clear(
+    points_mm: Points,
+    misses: Counts,
+    hits_m: Ranges,
+    units: Floats,
+    seen_x: float,
+    seen_y: float,
+    ahead: float,
+    aside: float,
+    x_mm: float,
+    y_mm: float,
+    to_x: float,
+    to_y: float,
+    keep_m: float,
+) -> bool:
+    """Whether nothing that `gather` would find lies nearer than so to the straight way from (x, y).
+
+    Args:
+        to_x, to_y: m from there.
+    """
+    for beam in range(len(hits_m)):
+        range_m = float(hits_m[beam])
+        if not range_m < 1e6:
+            continue
+        ux, uy = units[beam, 0], units[beam, 1]
+        dx = seen_x + 1000.0 * range_m * (ahead * ux - aside * uy) - x_mm
+        dy = seen_y + 1000.0 * range_m * (aside * ux + ahead * uy) - y_mm
+        if is_beside(dx / 1000.0, dy / 1000.0, to_x, to_y, keep_m):
+            return False
+    for index in range(len(points_mm)):
+        dx = int(points_mm[index, 0]) - x_mm
+        dy = int(points_mm[index, 1]) - y_mm
+        if int(misses[index]) < MISSES_MAX and is_beside(
+            dx / 1000.0, dy / 1000.0, to_x, to_y, keep_m
+        ):
+            return False
+    return True
+
+
+@compiled
+def is_beside(x_m: float, y_m: float, to_x: float, to_y: float, keep_m: float) -> bool:
+    """Whether a point lies nearer than `keep_m` to the straight way from here."""
+    way2_m2 = to_x * to_x + to_y * to_y
+    if way2_m2 > 0.0:
+        share = (x_m * to_x + y_m * to_y) / way2_m2
+        share = max(0.0, min(1.0, share))
+        x_m -= share * to_x
+        y_m -= share * to_y
+    return x_m * x_m + y_m * y_m < keep_m * keep_m
+
+
+@compiled
 def stamp(
     field_mm: Field, points_mm: Points, first: int, last: int, cell_mm: int, reach_mm: int
 ) -> None:

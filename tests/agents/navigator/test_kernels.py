@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.navigator import brake, chords, forces, memory, points, search, speed
+from agents.navigator import brake, chords, forces, memory, points, search, sight, speed
 from agents.navigator.law import law
 from swarm.scenario import Navigator
 
@@ -50,6 +50,22 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
         (
             *(POINTS, np.zeros(60, dtype=np.uint8), HITS, RAYS.units),
             *(12.5, -70.25, 0.6, 0.8, 15.5, -60.25, 1500.0),
+        ),
+    ),
+    (points.is_beside, (0.3, 0.7, 1.0, 1.0, 0.3)),
+    (
+        points.is_clear,
+        (
+            *(POINTS, np.zeros(60, dtype=np.uint8), HITS, RAYS.units),
+            *(12.5, -70.25, 0.6, 0.8, 15.5, -60.25, 0.2, 0.1, 0.01),
+        ),
+    ),
+    (
+        sight.scan,
+        (
+            np.where(RANDOM.random(72) < 0.1, np.nan, HITS).astype(np.float32),
+            np.array([(-1.0, 0.1, 1.005, 0.6), (0.1, 0.2, 0.23, 0.5), (2.0, 1.0, 2.24, 0.3)]),
+            *(RAYS.units, RAYS.bounds, 24, 0.05),
         ),
     ),
     (chords.distance_at, (FIELD, 123.4, -456.7, CELL)),
