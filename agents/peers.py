@@ -10,7 +10,7 @@ any use, and forgotten once it is older than a bound; its body is then an obstac
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import atan2, cos, sin
+from math import atan2, cos, sin, sqrt
 
 import msgspec
 
@@ -110,7 +110,10 @@ def now(
     found = []
     for beacon in beacons:
         age_ticks = tick - beacon.tick
-        there = moved(beacon, age_ticks + ahead_ticks, dt_s)
+        if beacon.promise is None or not beacon.promise.pending:
+            there = geometry.advance(beacon.pose, beacon.twist, (age_ticks + ahead_ticks) * dt_s)
+        else:
+            there = moved(beacon, age_ticks + ahead_ticks, dt_s)
         found.append(_seen(beacon, there, pose, ahead, aside, age_ticks, dt_s))
     return found
 
@@ -118,9 +121,7 @@ def now(
 def moved(beacon: Beacon, ticks: int, dt_s: float) -> Pose:
     """Where a peer is so many ticks after its beacon: twists under way first, then its newest."""
     pose = beacon.pose
-    if beacon.promise is None or not beacon.promise.pending:
-        return geometry.advance(pose, beacon.twist, ticks * dt_s)
-    pending = beacon.promise.pending[:ticks]
+    pending = beacon.promise.pending[:ticks] if beacon.promise is not None else ()
     for twist in pending:
         pose = geometry.advance(pose, twist, dt_s)
     return geometry.advance(pose, beacon.twist, (ticks - len(pending)) * dt_s)
@@ -159,15 +160,15 @@ def _seen(
     dy_m = there.y_m - pose.y_m
     x_m = ahead * dx_m + aside * dy_m
     y_m = ahead * dy_m - aside * dx_m
-    return Peer(
-        beacon=beacon,
-        pose=there,
-        offset=(dx_m, dy_m),
-        offset_body=(x_m, y_m),
-        distance_m=geometry.length(dx_m, dy_m),
-        bearing_rad=atan2(y_m, x_m),
-        age_s=age_ticks * dt_s,
-        missed_ticks=max(0, age_ticks - 1),
+    return Peer(  # by position: it is made for every peer in every tick
+        beacon,
+        there,
+        (dx_m, dy_m),
+        (x_m, y_m),
+        sqrt(dx_m * dx_m + dy_m * dy_m),
+        atan2(y_m, x_m),
+        age_ticks * dt_s,
+        age_ticks - 1 if age_ticks > 1 else 0,
     )
 
 

@@ -331,8 +331,22 @@ def find(
         if path[cell, 0] * path[cell, 0] + path[cell, 1] * path[cell, 1] < off_m * off_m:
             near[nears] = cell
             nears += 1
-    for one in range(count):
-        for other in range(one + 1, count):
+    # Points that can be near enough to one of these to be a post of such a chord.
+    posts = np.empty(count, dtype=np.int64)
+    found_posts = 0
+    for point in range(count):
+        off_m = ASIDE_M + 0.5 * most_m + ROUNDING_M
+        for number in range(nears):
+            off_x = path[near[number], 0] - points[point, 0]
+            off_y = path[near[number], 1] - points[point, 1]
+            if off_x * off_x + off_y * off_y < off_m * off_m:
+                posts[found_posts] = point
+                found_posts += 1
+                break
+    for left in range(found_posts):
+        one = posts[left]
+        for right in range(left + 1, found_posts):
+            other = posts[right]
             x_m = points[other, 0] - points[one, 0]
             y_m = points[other, 1] - points[one, 1]
             width2_m2 = x_m * x_m + y_m * y_m

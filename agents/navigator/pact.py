@@ -238,9 +238,11 @@ def hold(
         given = beacon.promise
         assert given is not None
         age = tick - beacon.tick
-        fastest_mps = max(beacon.speed_mps_max, abs(beacon.twist.speed_mps))
+        fastest_mps = beacon.speed_mps_max
+        if abs(beacon.twist.speed_mps) > fastest_mps:
+            fastest_mps = abs(beacon.twist.speed_mps)
         near_m = mine.keep_m + given.keep_m + FREE_M + reach_m + age * dt_s * fastest_mps
-        near_m += announce.reach_m(fastest_mps, given.deceleration_mps2, dt_s)
+        near_m += fastest_mps * dt_s + fastest_mps * fastest_mps / (2.0 * given.deceleration_mps2)
         if peer.distance_m > near_m:
             continue
         row = announce.row(beacon, given, dt_s)
