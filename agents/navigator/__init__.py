@@ -102,15 +102,16 @@ HELD_SHARE = 0.5
 BEHIND_RAD = 3.09  # beyond it the goal is straight behind: it turns the way it turned last
 
 
-class Near(msgspec.Struct, frozen=True, eq=False):
+class Near(msgspec.Struct, frozen=True):
     """What was gathered for the stages of a tick, so that the guard need not do it again."""
 
-    tick: int
-    reach_m: float
-    points_m: Floats  # (points, 2) of `obstacles`; nobody changes them
+    tick: int = -1
+    reach_m: float = 0.0
+    points: bytes = b""  # (points, 2) float64 of `obstacles`
 
-
-NOTHING_NEAR = Near(-1, 0.0, np.empty((0, 2)))
+    def points_m(self) -> Floats:
+        """Of one's own: inner loops take what is read-only for another type."""
+        return np.frombuffer(bytearray(self.points)).reshape(-1, 2)
 
 
 class State(msgspec.Struct, frozen=True):
@@ -140,7 +141,7 @@ class State(msgspec.Struct, frozen=True):
     since: Vec2 | None = None  # it has got no further from here
     since_s: float = 0.0  # for so long
     movers: movers.State = movers.State()  # seen by the lidar only
-    near: Near = NOTHING_NEAR
+    near: Near = Near()
 
 
 def redirect(state: State) -> State:
@@ -196,7 +197,7 @@ def step(
     if len(rows) or len(moving):
         reach_m = max(reach_m, right_of_way.SIGHT_M, cells.reach_m(setup.robot))
     points_m = obstacles(setup, state, seen, frame, map, reach_m)
-    state = msgspec.structs.replace(state, near=Near(seen.tick, reach_m, points_m))
+    state = msgspec.structs.replace(state, near=Near(seen.tick, reach_m, points_m.tobytes()))
     state, aim, course = give_way(setup, state, frame, others, rows, near, points_m, aim, elapsed_s)
     rows = np.concatenate((rows, moving)) if len(moving) else rows
     state, choice = choose(setup, state, frame, rows, points_m, aim, course)
@@ -593,7 +594,7 @@ def hold(
     # Points that are too far off to matter change nothing, unless the body may be faster than told.
     exact = setup.disturbance.speed_error == 0.0
     if exact and state.near.tick == seen.tick and reach_m <= state.near.reach_m:
-        points_m = state.near.points_m
+        points_m = state.near.points_m()
     else:
         points_m = obstacles(setup, state, seen, frame, map, reach_m)
     others = later(setup, late, frame, others)

@@ -31,11 +31,11 @@ GONE_AFTER_TICKS = 6  # from one clearing to the next: each costs a field of its
 BORDER = 0.55  # the window moves when the robot is beyond this share of it from its middle
 
 
-class Memory(msgspec.Struct, frozen=True, eq=False):
-    """Points, as bytes of arrays, and the distances to them."""
+class Memory(msgspec.Struct, frozen=True):
+    """Points and the distances to them, as bytes of arrays: they cannot be changed in place."""
 
     origin_mm: tuple[int, int]  # world, of the middle of the middle cell
-    field: Field  # (side, side) mm to the nearest point, read-only
+    field: memoryview  # (side, side) uint16 mm to the nearest point, read-only
     points: bytes = b""  # (points, 2) int16 mm
     misses: bytes = b""  # (points,) uint8 beams that passed through since it was last seen
     ticks: int = 0  # since points were cleared
@@ -45,6 +45,13 @@ class Memory(msgspec.Struct, frozen=True, eq=False):
     def points_mm(self) -> Points:
         """Read-only view."""
         return np.frombuffer(self.points, dtype=np.int16).reshape(-1, 2)
+
+    def field_mm(self, law: Law) -> Field:
+        """Read-only view."""
+        flat = np.frombuffer(self.field, dtype=np.uint16)
+        if not flat.flags.aligned:  # it has come over a wire
+            flat = np.frombuffer(bytes(self.field), dtype=np.uint16)
+        return flat.reshape(law.side_cells, law.side_cells)
 
 
 class Beams(msgspec.Struct, frozen=True, eq=False):
@@ -68,7 +75,7 @@ def empty(law: Law, pose: Pose, version: int = 0) -> Memory:
     """Nothing known, around a robot."""
     return Memory(
         origin_mm=_cell_at(law, pose),
-        field=_frozen(np.full((law.side_cells, law.side_cells), law.reach_mm, dtype=np.uint16)),
+        field=kept(np.full((law.side_cells, law.side_cells), law.reach_mm, dtype=np.uint16)),
         version=version,
         grown=version,
     )
@@ -110,18 +117,19 @@ def observe(
     )
     replace = msgspec.structs.replace
     before, count = len(memory.misses), len(points_mm)
-    field_mm = _stamped(law, memory.field, points_mm, before)
+    field_mm = _stamped(law, memory.field_mm(law), points_mm, before)
     if gone and memory.ticks >= GONE_AFTER_TICKS:
         lost = misses >= points.MISSES_MAX
-        memory = _unstamped(law, replace(memory, field=field_mm, ticks=0), points_mm, misses, lost)
-        return memory, memory.field
+        memory = replace(memory, field=kept(field_mm), ticks=0)
+        memory = _unstamped(law, memory, points_mm, misses, lost)
+        return memory, memory.field_mm(law)
     if count == before:
         return replace(memory, misses=misses.tobytes(), ticks=memory.ticks + 1), field_mm
     return replace(
         memory,
         points=points_mm.tobytes(),
         misses=misses.tobytes(),
-        field=field_mm,
+        field=kept(field_mm),
         ticks=memory.ticks + 1,
         version=memory.version + 1,
     ), field_mm
@@ -183,7 +191,7 @@ def shifted(law: Law, memory: Memory, pose: Pose) -> Memory:
     if max(abs(x_mm), abs(y_mm)) > 2 * half_mm:  # nothing of it is left
         return empty(law, pose, memory.version + 1)
     origin_mm = _cell_at(law, pose)
-    before_mm = memory.field
+    before_mm = memory.field_mm(law)
     dx_mm = origin_mm[0] - memory.origin_mm[0]
     dy_mm = origin_mm[1] - memory.origin_mm[1]
     moved_mm = memory.points_mm().astype(np.int64) - np.array((dx_mm, dy_mm))
@@ -197,7 +205,7 @@ def shifted(law: Law, memory: Memory, pose: Pose) -> Memory:
         origin_mm=origin_mm,
         points=moved_mm[inside].astype(np.int16).tobytes(),
         misses=np.frombuffer(memory.misses, dtype=np.uint8)[inside].tobytes(),
-        field=_frozen(field_mm),
+        field=kept(field_mm),
         version=memory.version + 1,
     )
 
@@ -213,7 +221,7 @@ def without(law: Law, memory: Memory, pose: Pose, radius_m: float) -> Memory:
         memory,
         points=points_mm.tobytes(),
         misses=np.frombuffer(memory.misses, dtype=np.uint8)[kept].tobytes(),
-        field=_frozen(_stamped(law, blank, points_mm, 0)),
+        field=kept(_stamped(law, blank, points_mm, 0)),
         ticks=0,
         version=memory.version + 1,
         grown=memory.version + 1,
@@ -247,23 +255,23 @@ def _unstamped(
         points_mm, misses: all of them, and how often they have been missed.
         lost: (points,) which.
     """
-    field_mm = memory.field.copy()
+    field_mm = memory.field_mm(law).copy()
     kept_mm = points_mm[~lost]
     points.unstamp(field_mm, points_mm[lost], kept_mm, law.cell_mm, law.reach_mm)
     return msgspec.structs.replace(
         memory,
         points=kept_mm.tobytes(),
         misses=misses[~lost].tobytes(),
-        field=_frozen(field_mm),
+        field=kept(field_mm),
         version=memory.version + 1,
         grown=memory.version + 1,
     )
 
 
-def _frozen(field_mm: Field) -> Field:
-    """The same, read-only: States share it."""
+def kept(field_mm: Field) -> memoryview:
+    """A field as States share it: nobody may write to it from now on."""
     field_mm.setflags(write=False)
-    return field_mm
+    return memoryview(field_mm).cast("B")
 
 
 def _stamped(law: Law, field_mm: Field, points_mm: Points, first: int) -> Field:
@@ -272,7 +280,8 @@ def _stamped(law: Law, field_mm: Field, points_mm: Points, first: int) -> Field:
         return field_mm
     field_mm = field_mm.copy()
     points.stamp(field_mm, points_mm, first, len(points_mm), law.cell_mm, law.reach_mm)
-    return _frozen(field_mm)
+    field_mm.setflags(write=False)
+    return field_mm
 
 
 def _cell_at(law: Law, pose: Pose) -> tuple[int, int]:

@@ -78,7 +78,7 @@ def test_what_beams_pass_through_goes_and_its_distances_with_it() -> None:
         known = look(RULES, known, pose, [(-1.0, -1.0, 0.3)])
     assert 0 < len(known.points_mm()) < count
     assert (known.points_mm()[:, 0] < 0).all()
-    assert (known.field == distances(RULES, known)).all()
+    assert (known.field_mm(RULES) == distances(RULES, known)).all()
     assert known.grown > 0
 
 
@@ -105,7 +105,7 @@ def test_the_window_moves_and_keeps_what_it_still_holds(to: tuple[float, float])
     kept = (abs(old - np.array(moved.origin_mm)) <= half_mm).all(axis=1)
     assert old[kept].tolist() == new.tolist()
     inside = distances(RULES, moved)[20:-20, 20:-20]
-    assert (moved.field[20:-20, 20:-20] == inside).all()
+    assert (moved.field_mm(RULES)[20:-20, 20:-20] == inside).all()
 
 
 def test_far_away_nothing_is_left_of_the_window() -> None:

@@ -150,7 +150,7 @@ def test_memory_forgets_what_lies_in_discs() -> None:
     known, _ = memory.observe(rules, known, scenes.ORIGIN, both, both)
     left = memory.cleared(rules, known, np.array([(0.0, 1.5, 0.35)]))
     assert sorted(left.points_mm().tolist()) == sorted(only.points_mm().tolist())
-    assert (left.field == field_mm).all()
+    assert (left.field_mm(rules) == field_mm).all()
     assert memory.cleared(rules, left, np.array([(0.0, 1.5, 0.35)])) is left
 
 

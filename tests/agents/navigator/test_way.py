@@ -26,12 +26,11 @@ def known(points_m: list[Vec2], version: int = 1) -> tuple[Memory, Field]:
     blank = memory.empty(RULES, Pose(0.0, 0.0, 0.0))
     mm = np.array([(round(1000 * x), round(1000 * y)) for x, y in points_m], dtype=np.int16)
     mm = mm.reshape(-1, 2)
-    field = blank.field.copy()
+    field = blank.field_mm(RULES).copy()
     points.stamp(field, mm, 0, len(mm), RULES.cell_mm, RULES.reach_mm)
-    field.setflags(write=False)
     return Memory(
         blank.origin_mm,
-        field,
+        memory.kept(field),
         mm.tobytes(),
         bytes(len(mm)),
         version=version,
@@ -151,10 +150,9 @@ def test_a_long_search_goes_on_in_the_next_ticks_and_finds_the_same() -> None:
     scene = walls((0.0, -9.0, 0.0, 9.0), (0.0, 9.0, -6.0, 9.0), (0.0, -9.0, -6.0, -9.0))
     blank = memory.empty(rules, Pose(0, 0, 0))
     mm = np.array([(round(1000 * x), round(1000 * y)) for x, y in scene], dtype=np.int16)
-    field = blank.field.copy()
+    field = blank.field_mm(rules).copy()
     points.stamp(field, mm, 0, len(mm), rules.cell_mm, rules.reach_mm)
-    field.setflags(write=False)
-    remembered = Memory(blank.origin_mm, field, mm.tobytes(), bytes(len(mm)))
+    remembered = Memory(blank.origin_mm, memory.kept(field), mm.tobytes(), bytes(len(mm)))
     found: Way | None = None
     ticks = 0
     while found is None or not found.path:
