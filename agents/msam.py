@@ -30,8 +30,8 @@ CIRCLE_WIDTH_RAD_MAX = 119.0 * TAU / 360.0
 class Map(msgspec.Struct, frozen=True):
     """One look around; distances in m from the robot's centre, inf where free."""
 
-    beams_m: list[float]  # (beams,) hits that are obstacles
-    ranges_m: Ranges  # the same, read-only
+    beams_m: list[float]  # (beams,) hits that are obstacles; none of a navigator's map
+    ranges_m: Ranges  # (beams,) the same, read-only
     sectors_m: list[float]  # (sectors,) inner edge of the nearest occupied ring
     clusters: tuple[Arc, ...]  # runs of linked cells within rho, unsplit
     arcs: tuple[Arc, ...]  # the same, split; the virtual circles of eq. 19 to 21
@@ -93,12 +93,13 @@ def of(
     setup: RobotSetup,
     ranges_m: Ranges,
     sectors_m: list[float],
-    beams_m: list[float] | None = None,
+    beams_m: list[float],
 ) -> Map:
     """Map of hits and of the sectors made from them.
 
     Args:
-        ranges_m: (beams,) m, read-only, without those of peers; `beams_m` the same.
+        ranges_m: (beams,) m, read-only, without those of peers.
+        beams_m: the same, or none where nobody asks for them one by one.
         sectors_m: of `sector_ranges`.
     """
     runs = linked_runs(sectors_m, setup.field.rho_m, setup.msam.link_distance_m)
@@ -108,7 +109,7 @@ def of(
         arcs += split(sectors_m, run, setup.msam.split_rad, whole=cluster)
     nearest_m = min(sectors_m)
     return Map(
-        beams_m=ranges_m.tolist() if beams_m is None else beams_m,
+        beams_m=beams_m,
         ranges_m=ranges_m,
         sectors_m=sectors_m,
         clusters=tuple(clusters),

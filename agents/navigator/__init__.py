@@ -188,7 +188,8 @@ def step(
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
     rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m)
     more_m = 2.0 * estimate.error_m(setup)  # the guard keeps them so much further off
-    rows[:, table.RADIUS] += more_m
+    if len(rows):
+        rows[:, table.RADIUS] += more_m
     after_s = late.late_ticks * setup.dt_s
     moving = movers.as_peers(state.movers, frame.pose.x_m, frame.pose.y_m, after_s)
     if len(rows):

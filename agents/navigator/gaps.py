@@ -50,6 +50,9 @@ ZIP_M = 0.5  # between those of a platoon that merge into the mouth
 SHARE_HOLDER, SHARE_WAITER = 0.3, 1.0
 
 
+_NOT_FOUND = (0.0,) * 5
+
+
 class State(msgspec.Struct, frozen=True):
     """Own claim, and what was seen of the gap."""
 
@@ -145,10 +148,12 @@ def look(
         ):
             state, mine = State(), None
     if mine is None or along_m < -OUTSIDE_M:
-        found = np.zeros(5)
+        found: Floats | tuple[float, ...] = _NOT_FOUND
         least_m, most_m = 2.0 * radius_m + SLACK_M, 4.0 * radius_m + TWO_ABREAST_M
         if len(points) > 1 and len(path) > 1:
-            find(points, path, rows, least_m, most_m, found)
+            seen = np.zeros(5)
+            find(points, path, rows, least_m, most_m, seen)
+            found = seen
         if found[0] > 0.0 and (mine is None or found[0] <= state.width_m + BETTER_M):
             mouth = (position[0] + float(found[1]), position[1] + float(found[2]))
             axis = (float(found[3]), float(found[4]))

@@ -271,7 +271,7 @@ def _unstamped(
 def kept(field_mm: Field) -> memoryview:
     """A field as States share it: nobody may write to it from now on."""
     field_mm.setflags(write=False)
-    return memoryview(field_mm).cast("B")
+    return field_mm.data.cast("B")
 
 
 def _stamped(law: Law, field_mm: Field, points_mm: Points, first: int) -> Field:

@@ -268,13 +268,14 @@ def watch(
         seen = float(seen_m[beam])
         raw_m[beam] = clear_m if seen > clear_m else seen
         far_m[beam] = float(hits_m[beam])
-    before_m = np.empty(len(old_m))
-    for beam in range(len(old_m)):
-        seen = float(old_m[beam])
-        before_m[beam] = clear_m if seen > clear_m else seen
     found = segments(
         raw_m, far_m, units, x_m, y_m, ahead, aside, cosine, sine, bodies, unsure_m, range_m
     )
+    # The old scan tells something of segments only.
+    before_m = np.empty(len(old_m) if len(found) > 0 else 0)
+    for beam in range(len(before_m)):
+        seen = float(old_m[beam])
+        before_m[beam] = clear_m if seen > clear_m else seen
     result = follow(
         tracks, found, raw_m, units, bounds, x_m, y_m, ahead, aside, 2.0 * sine, elapsed_s,
         unsure_m, before_m, np.array((old_x, old_y, old_ahead, old_aside)),

@@ -85,13 +85,21 @@ def remember(
     slots = 64
     while slots < 2 * room:
         slots *= 2
+    # No hit is in the fine cell of a point that is further off than all of them.
+    range_max_m = 0.0
+    for beam in range(beams):
+        range_m = float(hits_m[beam])
+        if range_m < 1e6:
+            range_max_m = max(range_max_m, range_m)
+    span_mm = 1000.0 * range_max_m + 3.0 * fine_mm
     table = np.zeros(slots, dtype=np.int32)  # point + 1, by its fine cell
+    points[:known] = points_mm
+    missed[:known] = misses
     for index in range(known):
         px_mm = int(points_mm[index, 0])
         py_mm = int(points_mm[index, 1])
-        points[index, 0] = px_mm
-        points[index, 1] = py_mm
-        missed[index] = misses[index]
+        if abs(px_mm - x_mm) > span_mm or abs(py_mm - y_mm) > span_mm:
+            continue
         cell_x = nearest(px_mm * per_mm)
         cell_y = nearest(py_mm * per_mm)
         slot = (cell_x * 7919 + cell_y * 104729) & (slots - 1)

@@ -47,7 +47,7 @@ def look(setup: RobotSetup, ranges_m: Ranges, others: Sequence[Peer]) -> tuple[m
         setup.sensor.range_m / setup.msam.rings,
     )
     known_m.setflags(write=False)
-    return msam.of(setup, known_m, sectors_m.tolist()), complete
+    return msam.of(setup, known_m, sectors_m.tolist(), []), complete
 
 
 def _rows(setup: RobotSetup, others: Sequence[Peer]) -> list[tuple[float, float, float, float]]:
