@@ -9,6 +9,7 @@ Each stage is a module of pure functions; what must be remembered is in one Stat
 estimate  pose shown, wheels -> pose believed in
 law       clearance -> speed and cost, the same for all stages
 movers    scans -> what moves and is not heard
+sight     scan -> hits without peers, sectors: before all others
 predict   pose and twist at which what is decided now takes effect
 memory    hits -> points in a window -> distances       (points: its inner loops)
 way       distances, goal -> way, sub-goal              (search, chords: its inner loops)

@@ -75,7 +75,7 @@ def empty(law: Law, pose: Pose, version: int = 0) -> Memory:
     """Nothing known, around a robot."""
     return Memory(
         origin_mm=_cell_at(law, pose),
-        field=kept(np.full((law.side_cells, law.side_cells), law.reach_mm, dtype=np.uint16)),
+        field=shared(np.full((law.side_cells, law.side_cells), law.reach_mm, dtype=np.uint16)),
         version=version,
         grown=version,
     )
@@ -120,7 +120,7 @@ def observe(
     field_mm = _stamped(law, memory.field_mm(law), points_mm, before)
     if gone and memory.ticks >= GONE_AFTER_TICKS:
         lost = misses >= points.MISSES_MAX
-        memory = replace(memory, field=kept(field_mm), ticks=0)
+        memory = replace(memory, field=shared(field_mm), ticks=0)
         memory = _unstamped(law, memory, points_mm, misses, lost)
         return memory, memory.field_mm(law)
     if count == before:
@@ -129,7 +129,7 @@ def observe(
         memory,
         points=points_mm.tobytes(),
         misses=misses.tobytes(),
-        field=kept(field_mm),
+        field=shared(field_mm),
         ticks=memory.ticks + 1,
         version=memory.version + 1,
     ), field_mm
@@ -205,7 +205,7 @@ def shifted(law: Law, memory: Memory, pose: Pose) -> Memory:
         origin_mm=origin_mm,
         points=moved_mm[inside].astype(np.int16).tobytes(),
         misses=np.frombuffer(memory.misses, dtype=np.uint8)[inside].tobytes(),
-        field=kept(field_mm),
+        field=shared(field_mm),
         version=memory.version + 1,
     )
 
@@ -221,7 +221,7 @@ def without(law: Law, memory: Memory, pose: Pose, radius_m: float) -> Memory:
         memory,
         points=points_mm.tobytes(),
         misses=np.frombuffer(memory.misses, dtype=np.uint8)[kept].tobytes(),
-        field=kept(_stamped(law, blank, points_mm, 0)),
+        field=shared(_stamped(law, blank, points_mm, 0)),
         ticks=0,
         version=memory.version + 1,
         grown=memory.version + 1,
@@ -262,13 +262,13 @@ def _unstamped(
         memory,
         points=kept_mm.tobytes(),
         misses=misses[~lost].tobytes(),
-        field=kept(field_mm),
+        field=shared(field_mm),
         version=memory.version + 1,
         grown=memory.version + 1,
     )
 
 
-def kept(field_mm: Field) -> memoryview:
+def shared(field_mm: Field) -> memoryview:
     """A field as States share it: nobody may write to it from now on."""
     field_mm.setflags(write=False)
     return field_mm.data.cast("B")

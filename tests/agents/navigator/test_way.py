@@ -30,7 +30,7 @@ def known(points_m: list[Vec2], version: int = 1) -> tuple[Memory, Field]:
     points.stamp(field, mm, 0, len(mm), RULES.cell_mm, RULES.reach_mm)
     return Memory(
         blank.origin_mm,
-        memory.kept(field),
+        memory.shared(field),
         mm.tobytes(),
         bytes(len(mm)),
         version=version,
@@ -152,7 +152,7 @@ def test_a_long_search_goes_on_in_the_next_ticks_and_finds_the_same() -> None:
     mm = np.array([(round(1000 * x), round(1000 * y)) for x, y in scene], dtype=np.int16)
     field = blank.field_mm(rules).copy()
     points.stamp(field, mm, 0, len(mm), rules.cell_mm, rules.reach_mm)
-    remembered = Memory(blank.origin_mm, memory.kept(field), mm.tobytes(), bytes(len(mm)))
+    remembered = Memory(blank.origin_mm, memory.shared(field), mm.tobytes(), bytes(len(mm)))
     found: Way | None = None
     ticks = 0
     while found is None or not found.path:
