@@ -83,7 +83,13 @@ def array(values: npt.NDArray[Any]) -> Array:
 
 def floats(values: Sequence[float]) -> Array:
     """Wire form of a few numbers as float32; four times as fast as by way of numpy."""
-    return Array("<f4", (len(values),), struct.pack(f"<{len(values)}f", *values))
+    return Array("<f4", (len(values),), _packer(len(values)).pack(*values))
+
+
+@functools.lru_cache(maxsize=32)
+def _packer(count: int) -> struct.Struct:
+    """Of so many float32."""
+    return struct.Struct(f"<{count}f")
 
 
 class Wheels(msgspec.Struct, frozen=True, array_like=True):
