@@ -110,9 +110,10 @@ def _dead_s(dead_s: float, twist: Twist, asked: Twist, elapsed_s: float) -> floa
 
 def _sees_obstacles(setup: RobotSetup, map: msam.Map, others: list[Peer]) -> bool:
     """Whether a map has hits that do not belong to peers."""
-    directions = msam.layout(len(map.beams_m), len(map.sectors_m))
-    hidden = set(msam.peer_beams(setup.msam, directions, map.beams_m, others))
-    return any(range_m < inf and beam not in hidden for beam, range_m in enumerate(map.beams_m))
+    beams_m: list[float] = map.ranges_m.tolist()
+    directions = msam.layout(len(beams_m), len(map.sectors_m))
+    hidden = set(msam.peer_beams(setup.msam, directions, beams_m, others))
+    return any(range_m < inf and beam not in hidden for beam, range_m in enumerate(beams_m))
 
 
 def _has_moved(before: Pose, pose: Pose) -> bool:

@@ -30,8 +30,8 @@ CIRCLE_WIDTH_RAD_MAX = 119.0 * TAU / 360.0
 class Map(msgspec.Struct, frozen=True):
     """One look around; distances in m from the robot's centre, inf where free."""
 
-    beams_m: list[float]  # (beams,) hits that are obstacles
-    ranges_m: Ranges  # the same, read-only
+    beams_m: list[float]  # (beams,) hits that are obstacles; none of a navigator's map
+    ranges_m: Ranges  # (beams,) the same, read-only
     sectors_m: list[float]  # (sectors,) inner edge of the nearest occupied ring
     clusters: tuple[Arc, ...]  # runs of linked cells within rho, unsplit
     arcs: tuple[Arc, ...]  # the same, split; the virtual circles of eq. 19 to 21
@@ -85,7 +85,23 @@ def update(setup: RobotSetup, ranges_m: Ranges, peers: Iterable[Peer]) -> Map:
         ranges_m[hidden] = inf
     ranges_m = ranges_m.view()
     ranges_m.setflags(write=False)
-    sectors_m = sector_ranges(ranges_m, setup.msam.sectors, setup.sensor.range_m / setup.msam.rings)
+    ring_m = setup.sensor.range_m / setup.msam.rings
+    return of(setup, ranges_m, sector_ranges(ranges_m, setup.msam.sectors, ring_m), beams_m)
+
+
+def of(
+    setup: RobotSetup,
+    ranges_m: Ranges,
+    sectors_m: list[float],
+    beams_m: list[float],
+) -> Map:
+    """Map of hits and of the sectors made from them.
+
+    Args:
+        ranges_m: (beams,) m, read-only, without those of peers.
+        beams_m: the same, or none where nobody asks for them one by one.
+        sectors_m: of `sector_ranges`.
+    """
     runs = linked_runs(sectors_m, setup.field.rho_m, setup.msam.link_distance_m)
     clusters = [_arc(sectors_m, run, 0, 1, 1.0) for run in runs]
     arcs: list[Arc] = []

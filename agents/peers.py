@@ -10,7 +10,7 @@ any use, and forgotten once it is older than a bound; its body is then an obstac
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import atan2, cos, sin
+from math import atan2, cos, sin, sqrt
 
 import msgspec
 
@@ -63,11 +63,15 @@ def remember(
     """
     newest = {beacon.name: beacon for beacon in known}
     for beacon in heard:
-        old = newest.get(beacon.name)
-        if old is not None and (beacon.incarnation, beacon.tick) < (old.incarnation, old.tick):
+        key = beacon.name
+        old = newest.get(key)
+        if old is not None and (
+            beacon.incarnation < old.incarnation
+            or (beacon.incarnation == old.incarnation and beacon.tick < old.tick)
+        ):
             continue
-        if beacon.tick <= tick and beacon.name != name and _is_plausible(beacon):
-            newest[beacon.name] = beacon
+        if beacon.tick <= tick and key != name and _is_plausible(beacon):
+            newest[key] = beacon
     return tuple(
         [newest[key] for key in sorted(newest) if 0 <= tick - newest[key].tick <= ticks_max]
     )
@@ -80,6 +84,8 @@ def lose(
     dt_s: float,
 ) -> tuple[Body, ...]:
     """Bodies of all that were heard once and are silent now, in order of their names."""
+    if not bodies and [one.name for one in before] == [one.name for one in known]:
+        return bodies  # as in nearly every tick
     heard = {beacon.name for beacon in known}
     gone = [beacon for beacon in before if beacon.name not in heard]
     if not gone and not any(body.name in heard for body in bodies):
@@ -104,7 +110,10 @@ def now(
     found = []
     for beacon in beacons:
         age_ticks = tick - beacon.tick
-        there = moved(beacon, age_ticks + ahead_ticks, dt_s)
+        if beacon.promise is None or not beacon.promise.pending:
+            there = geometry.advance(beacon.pose, beacon.twist, (age_ticks + ahead_ticks) * dt_s)
+        else:
+            there = moved(beacon, age_ticks + ahead_ticks, dt_s)
         found.append(_seen(beacon, there, pose, ahead, aside, age_ticks, dt_s))
     return found
 
@@ -151,15 +160,15 @@ def _seen(
     dy_m = there.y_m - pose.y_m
     x_m = ahead * dx_m + aside * dy_m
     y_m = ahead * dy_m - aside * dx_m
-    return Peer(
-        beacon=beacon,
-        pose=there,
-        offset=(dx_m, dy_m),
-        offset_body=(x_m, y_m),
-        distance_m=geometry.length(dx_m, dy_m),
-        bearing_rad=atan2(y_m, x_m),
-        age_s=age_ticks * dt_s,
-        missed_ticks=max(0, age_ticks - 1),
+    return Peer(  # by position: it is made for every peer in every tick
+        beacon,
+        there,
+        (dx_m, dy_m),
+        (x_m, y_m),
+        sqrt(dx_m * dx_m + dy_m * dy_m),
+        atan2(y_m, x_m),
+        age_ticks * dt_s,
+        age_ticks - 1 if age_ticks > 1 else 0,
     )
 
 
@@ -187,8 +196,9 @@ def stands(beacon: Beacon) -> bool:
 def _is_plausible(beacon: Beacon) -> bool:
     pose, twist = beacon.pose, beacon.twist
     rates = abs(twist.speed_mps) + abs(twist.turn_rate_radps)
-    for under_way in beacon.promise.pending if beacon.promise is not None else ():
-        rates = max(rates, abs(under_way.speed_mps) + abs(under_way.turn_rate_radps))
+    if beacon.promise is not None:
+        for under_way in beacon.promise.pending:
+            rates = max(rates, abs(under_way.speed_mps) + abs(under_way.turn_rate_radps))
     return (
         abs(pose.x_m) + abs(pose.y_m) <= COORDINATE_M_MAX
         and rates + abs(beacon.formation_turn_rate_radps) <= RATE_MAX

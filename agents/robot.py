@@ -140,9 +140,12 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         )
 
     # 2. Look: the map, without the bodies that are dealt with as peers.
-    masked = [peer for peer in others if is_masked(setup, role, peer)]
-    ranges_m, complete = health.known_ranges(frame.ranges_m())
-    map = msam.update(setup, ranges_m, masked)
+    masked = [peer for peer in others if is_masked(setup, role, peer)] if others else others
+    if drives:
+        map, complete = navigator.see(setup, frame.ranges_m(), masked)
+    else:
+        ranges_m, complete = health.known_ranges(frame.ranges_m())
+        map = msam.update(setup, ranges_m, masked)
     well = health.step(
         setup, state.health, frame, map, others, state.command, trusted=sane and complete
     )
@@ -162,17 +165,19 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
 
     # 4. Give way, slew, guard.
     claim = priority.claim(role, state.slot, setup.row)
-    waiting = priority.step(
-        setup,
-        state.waiting,
-        role,
-        claim,
-        frame.pose,
-        frame.twist,
-        wish.direction_rad(frame.pose.yaw_rad),
-        others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") and not drives else (),
-        elapsed_s,
-    )
+    waiting = state.waiting
+    if not drives:  # it gives way in its own manner
+        waiting = priority.step(
+            setup,
+            waiting,
+            role,
+            claim,
+            frame.pose,
+            frame.twist,
+            wish.direction_rad(frame.pose.yaw_rad),
+            others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") else (),
+            elapsed_s,
+        )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
     if drives:
         bodies = [peer for peer in others if peer.beacon.promise or is_masked(setup, role, peer)]
@@ -351,15 +356,14 @@ def is_masked(setup: RobotSetup, role: Role, peer: Peer) -> bool:
     that move, which the right of way deals with; one that stands is an obstacle to go round. Where
     robots treat each other as moving obstacles they all stay on the map.
     """
+    if role == "alone" and peer.beacon.promise and setup.robot.controller == "navigator":
+        return not peers.has_come_to_grief(peer.beacon)
     if role == "leader" and peer.offset_body[0] > abs(peer.offset_body[1]):
         return False
     if role != "alone":
         if peers.is_in_formation(peer.beacon):
             return not peers.has_come_to_grief(peer.beacon)
-    elif setup.robot.controller == "navigator":
-        if peer.beacon.promise is not None:
-            return not peers.has_come_to_grief(peer.beacon)
-    elif setup.priority.strategy == "mutual":
+    elif setup.robot.controller != "navigator" and setup.priority.strategy == "mutual":
         return False
     return not peers.stands(peer.beacon)
 

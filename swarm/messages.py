@@ -47,6 +47,9 @@ SIDE_MAX = 65_536
 # --- pieces -------------------------------------------------------------------------------------
 
 
+_TYPES: dict[str, np.dtype[Any]] = {name: np.dtype(name) for name in ("<f4", "<f8", "<i4")}
+
+
 class Array(msgspec.Struct, frozen=True, array_like=True):
     """A numeric array as raw little-endian bytes; raises ValueError when the size does not fit."""
 
@@ -68,7 +71,8 @@ class Array(msgspec.Struct, frozen=True, array_like=True):
 
     def numpy(self) -> npt.NDArray[Any]:
         """Read-only view of the bytes."""
-        return np.frombuffer(self.data, dtype=self.dtype).reshape(self.shape)
+        flat = np.frombuffer(self.data, _TYPES[self.dtype])
+        return flat if len(self.shape) == 1 else flat.reshape(self.shape)
 
 
 def array(values: npt.NDArray[Any]) -> Array:
@@ -79,7 +83,13 @@ def array(values: npt.NDArray[Any]) -> Array:
 
 def floats(values: Sequence[float]) -> Array:
     """Wire form of a few numbers as float32; four times as fast as by way of numpy."""
-    return Array("<f4", (len(values),), struct.pack(f"<{len(values)}f", *values))
+    return Array("<f4", (len(values),), _packer(len(values)).pack(*values))
+
+
+@functools.lru_cache(maxsize=32)
+def _packer(count: int) -> struct.Struct:
+    """Of so many float32."""
+    return struct.Struct(f"<{count}f")
 
 
 class Wheels(msgspec.Struct, frozen=True, array_like=True):

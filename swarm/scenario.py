@@ -274,7 +274,7 @@ class Guard(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     latency_s: NotNegative = 0.16  # two ticks
 
 
-class Navigator(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Navigator(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True, cache_hash=True):
     """The controller `navigator`: memory, way, forces, speed, guard."""
 
     cell_m: Annotated[float, Meta(ge=0.02, le=1.0)] = 0.1  # of the distance field, to the mm
@@ -604,7 +604,7 @@ class Scenario(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
         )
 
 
-class RobotSetup(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class RobotSetup(Shared, frozen=True, kw_only=True, forbid_unknown_fields=True, cache_hash=True):
     """One robot's part of a scenario: the world's reply to its scenario query."""
 
     row: int

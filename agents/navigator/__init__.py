@@ -9,6 +9,7 @@ Each stage is a module of pure functions; what must be remembered is in one Stat
 estimate  pose shown, wheels -> pose believed in
 law       clearance -> speed and cost, the same for all stages
 movers    scans -> what moves and is not heard
+sight     scan -> hits without peers, sectors: before all others
 predict   pose and twist at which what is decided now takes effect
 memory    hits -> points in a window -> distances       (points: its inner loops)
 way       distances, goal -> way, sub-goal              (search, chords: its inner loops)
@@ -40,6 +41,7 @@ from agents.navigator import (
     pact,
     predict,
     right_of_way,
+    sight,
     speed,
     table,
     way,
@@ -55,7 +57,7 @@ from swarm.geometry import Floats, Pose, Twist, Vec2
 from swarm.messages import Beacon, Intent, Mode, Name, Promise, Reason, SensorFrame
 from swarm.scenario import RobotSetup
 
-braked = brake.braked
+braked, see = brake.braked, sight.look
 
 __all__ = [
     "Aim",
@@ -66,6 +68,7 @@ __all__ = [
     "place",
     "promise",
     "redirect",
+    "see",
     "send",
     "step",
 ]
@@ -100,6 +103,18 @@ HELD_SHARE = 0.5
 BEHIND_RAD = 3.09  # beyond it the goal is straight behind: it turns the way it turned last
 
 
+class Near(msgspec.Struct, frozen=True):
+    """What was gathered for the stages of a tick, so that the guard need not do it again."""
+
+    tick: int = -1
+    reach_m: float = 0.0
+    points: bytes = b""  # (points, 2) float64 of `obstacles`
+
+    def points_m(self) -> Floats:
+        """Of one's own: inner loops take what is read-only for another type."""
+        return np.frombuffer(bytearray(self.points)).reshape(-1, 2)
+
+
 class State(msgspec.Struct, frozen=True):
     """What the stages remember."""
 
@@ -127,6 +142,7 @@ class State(msgspec.Struct, frozen=True):
     since: Vec2 | None = None  # it has got no further from here
     since_s: float = 0.0  # for so long
     movers: movers.State = movers.State()  # seen by the lidar only
+    near: Near = Near()
 
 
 def redirect(state: State) -> State:
@@ -173,7 +189,8 @@ def step(
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
     rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m)
     more_m = 2.0 * estimate.error_m(setup)  # the guard keeps them so much further off
-    rows[:, table.RADIUS] += more_m
+    if len(rows):
+        rows[:, table.RADIUS] += more_m
     after_s = late.late_ticks * setup.dt_s
     moving = movers.as_peers(state.movers, frame.pose.x_m, frame.pose.y_m, after_s)
     if len(rows):
@@ -182,6 +199,7 @@ def step(
     if len(rows) or len(moving):
         reach_m = max(reach_m, right_of_way.SIGHT_M, cells.reach_m(setup.robot))
     points_m = obstacles(setup, state, seen, frame, map, reach_m)
+    state = msgspec.structs.replace(state, near=Near(seen.tick, reach_m, points_m.tobytes()))
     state, aim, course = give_way(setup, state, frame, others, rows, near, points_m, aim, elapsed_s)
     rows = np.concatenate((rows, moving)) if len(moving) else rows
     state, choice = choose(setup, state, frame, rows, points_m, aim, course)
@@ -310,8 +328,14 @@ def straightened(
         return aim
     to_x_m, to_y_m = target[0] - frame.pose.x_m, target[1] - frame.pose.y_m
     keep_m = setup.robot.body_radius_m + setup.navigator.comfort_m
-    points_m = obstacles(setup, state, seen, frame, map, aim.distance_m + keep_m)
-    if (to_x_m, to_y_m) == (0.0, 0.0) or not cells.is_clear(points_m, to_x_m, to_y_m, keep_m):
+    if (to_x_m, to_y_m) == (0.0, 0.0) or not memory.is_clear(
+        state.memory or memory.empty(law(setup.navigator, setup.robot.body_radius_m), frame.pose),
+        seen.pose,
+        map.ranges_m,
+        frame.pose,
+        (to_x_m, to_y_m),
+        keep_m,
+    ):
         return aim
     return msgspec.structs.replace(aim, direction_rad=atan2(to_y_m, to_x_m), subgoal=target)
 
@@ -569,7 +593,12 @@ def hold(
         heading = geometry.unit(frame.pose.yaw_rad)
         asked = dodge.ask(setup, heading, frame.twist, asked, moving, far_m)
     reach_m = brake.reach_m(setup, max(abs(frame.twist.speed_mps), abs(asked.speed_mps)))
-    points_m = obstacles(setup, state, seen, frame, map, reach_m)
+    # Points that are too far off to matter change nothing, unless the body may be faster than told.
+    exact = setup.disturbance.speed_error == 0.0
+    if exact and state.near.tick == seen.tick and reach_m <= state.near.reach_m:
+        points_m = state.near.points_m()
+    else:
+        points_m = obstacles(setup, state, seen, frame, map, reach_m)
     others = later(setup, late, frame, others)
     promising = [peer for peer in others if peer.beacon.promise is not None]
     rest = [peer for peer in others if peer.beacon.promise is None]
@@ -595,8 +624,7 @@ def hold(
         asked,
         promising,
         rest,
-        points_m + np.array((frame.pose.x_m, frame.pose.y_m)) if len(points_m) else points_m,
-        brake.room(setup, points_m),
+        points_m,
         state.where,
         carried,
         predict.pending(setup, late, seen),

@@ -9,7 +9,7 @@ so that there is always one more: this holds whatever the stages before have ask
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import lru_cache
 from math import ceil
 
 import msgspec
@@ -30,7 +30,12 @@ SHARES = (1.0, 0.85, 0.7, 0.5, 0.3, 0.12, 0.0)  # of the speed asked for
 CLOSER_M = 0.004
 LEAST_M = 0.002
 SAME_M = 1e-9
+_SHARES = np.array(SHARES)
 TICKS_MAX = 400  # of a course; whoever needs longer to stop is only looked at for so long
+
+# Columns of `_limits`: greatest rates forwards, backwards, turning; changes of both in a tick, and
+# what the brakes take from the speed in one.
+V_MAX, V_BACK, W_MAX, V_CHANGE, W_CHANGE, BRAKES, HALF_TRACK, DT, BODY, MARGIN = range(10)
 
 
 class Course(msgspec.Struct, frozen=True, eq=False):
@@ -44,43 +49,40 @@ class Course(msgspec.Struct, frozen=True, eq=False):
         return self.places_m[1::2]
 
 
-Allows = Callable[[Course], bool]
-
-
 def hold(
-    setup: RobotSetup,
-    yaw_rad: float,
-    twist: Twist,
-    asked: Twist,
-    points_m: Floats,
-    allows: Allows | None = None,
+    setup: RobotSetup, yaw_rad: float, twist: Twist, asked: Twist, points_m: Floats
 ) -> tuple[Twist, Limit]:
-    """The first candidate that keeps off obstacles, and that `allows` has nothing against.
+    """The first candidate that keeps off obstacles.
 
     Args:
         yaw_rad, twist: when the set-point takes effect.
         points_m: (points, 2) of obstacles, from the robot's centre, world axes.
-        allows: another condition, such as keeping off peers. It must allow `braked` once it has
-            allowed a course.
     """
-    keep_m = room(setup, points_m)
-    for number, share in enumerate(SHARES):
-        one = course(setup, yaw_rad, twist, Twist(share * asked.speed_mps, asked.turn_rate_radps))
-        if keeps_off(points_m, one.places_m, keep_m) and (allows is None or allows(one)):
-            if number == 0:
-                return one.reached, Limit(setup.robot.speed_mps_max, "")
-            return one.reached, Limit(abs(one.reached.speed_mps), "brake")
-    reached = braked(setup, twist)
-    return reached, Limit(abs(reached.speed_mps), "brake")
+    ahead, aside = geometry.unit(yaw_rad)
+    number = first_free(
+        points_m,
+        _SHARES,
+        _limits(setup),
+        twist.speed_mps,
+        twist.turn_rate_radps,
+        asked.speed_mps,
+        asked.turn_rate_radps,
+        ahead,
+        aside,
+    )
+    if number == 0:
+        return reached(setup.robot, twist, asked, setup.dt_s), Limit(setup.robot.speed_mps_max, "")
+    if number < len(SHARES):
+        less = Twist(SHARES[number] * asked.speed_mps, asked.turn_rate_radps)
+        first = reached(setup.robot, twist, less, setup.dt_s)
+    else:
+        first = braked(setup, twist)
+    return first, Limit(abs(first.speed_mps), "brake")
 
 
 def room(setup: RobotSetup, points_m: Floats) -> float:
     """How near to the robot's centre points may come: body and margin, less in a slit."""
-    radius_m = setup.robot.body_radius_m
-    nearest_m = nearest_of(points_m)
-    return min(
-        radius_m + setup.navigator.guard_margin_m, max(radius_m + LEAST_M, nearest_m - CLOSER_M)
-    )
+    return room_of(points_m, setup.robot.body_radius_m, setup.navigator.guard_margin_m)
 
 
 def reach_m(setup: RobotSetup, speed_mps: float) -> float:
@@ -112,6 +114,22 @@ def braked(setup: RobotSetup, twist: Twist) -> Twist:
     return Twist(*slower(twist.speed_mps, twist.turn_rate_radps, change_mps, change_radps))
 
 
+@lru_cache(maxsize=1024)
+def _limits(setup: RobotSetup) -> Floats:
+    """(10,) what `first_free` needs to know of a robot."""
+    robot, dt_s = setup.robot, setup.dt_s
+    found = np.zeros(10)
+    found[V_MAX], found[V_BACK], found[W_MAX] = (
+        robot.speed_mps_max, robot.speed_mps_reverse_max, robot.turn_rate_radps_max
+    )  # fmt: skip
+    found[HALF_TRACK], found[DT], found[BODY] = robot.half_track_m, dt_s, robot.body_radius_m
+    found[MARGIN] = setup.navigator.guard_margin_m
+    found[V_CHANGE] = robot.acceleration_mps2_max * dt_s
+    found[W_CHANGE] = robot.turn_acceleration_radps2_max * dt_s
+    found[BRAKES] = brakes_mps2(setup) * dt_s
+    return found
+
+
 def course(setup: RobotSetup, yaw_rad: float, twist: Twist, asked: Twist) -> Course:
     """A tick as asked, then braking on that curve until the robot stands."""
     first = reached(setup.robot, twist, asked, setup.dt_s)
@@ -133,6 +151,54 @@ def course(setup: RobotSetup, yaw_rad: float, twist: Twist, asked: Twist) -> Cou
 
 
 # --- inner loops --------------------------------------------------------------------------------
+
+
+@compiled
+def first_free(
+    points_m: Floats,
+    shares: Floats,
+    limits: Floats,
+    v_mps: float,
+    w_radps: float,
+    asked_v_mps: float,
+    asked_w_radps: float,
+    ahead: float,
+    aside: float,
+) -> int:
+    """Which share of the speed asked for is the first whose course keeps off all points.
+
+    Args:
+        points_m: (points, 2) from the robot's centre, world axes.
+        limits: of `_limits`.
+        v_mps, w_radps: when the set-point takes effect, as its heading (ahead, aside).
+    Returns:
+        index of `shares`, their number if there is none.
+    """
+    keep_m = room_of(points_m, limits[BODY], limits[MARGIN])
+    dt_s, change_mps, change_radps = limits[DT], limits[V_CHANGE], limits[W_CHANGE]
+    for number in range(len(shares)):
+        # as `reached` has it
+        v = max(-limits[V_BACK], min(limits[V_MAX], shares[number] * asked_v_mps))
+        w = max(-limits[W_MAX], min(limits[W_MAX], asked_w_radps))
+        v = max(v_mps - change_mps, min(v_mps + change_mps, v))
+        w = max(w_radps - change_radps, min(w_radps + change_radps, w))
+        rim_mps = abs(v) + limits[HALF_TRACK] * abs(w)
+        if rim_mps > limits[V_MAX]:
+            scale = limits[V_MAX] / rim_mps
+            v *= scale
+            w *= scale
+        ticks = min(TICKS_MAX, 2 + ceil(abs(v) / limits[BRAKES]))
+        way_m = places(v, w, limits[BRAKES], change_radps, dt_s, ahead, aside, ticks)
+        if keeps_off(points_m, way_m, keep_m):
+            return number
+    return len(shares)
+
+
+@compiled
+def room_of(points_m: Floats, radius_m: float, margin_m: float) -> float:
+    """How near to the robot's centre points may come."""
+    near_m = nearest_of(points_m) - CLOSER_M
+    return min(radius_m + margin_m, max(radius_m + LEAST_M, near_m))
 
 
 @compiled

@@ -112,27 +112,6 @@ def choose(
 
 
 @compiled
-def is_clear(points: Floats, to_x: float, to_y: float, keep_m: float) -> bool:
-    """Whether no point lies nearer than `keep_m` to the straight way from here.
-
-    Args:
-        points: (points, 2) m from here.
-    """
-    way2_m2 = to_x * to_x + to_y * to_y
-    if way2_m2 <= 0.0:
-        return True
-    for point in range(points.shape[0]):
-        x_m, y_m = points[point, 0], points[point, 1]
-        share = (x_m * to_x + y_m * to_y) / way2_m2
-        share = max(0.0, min(1.0, share))
-        x_m -= share * to_x
-        y_m -= share * to_y
-        if x_m * x_m + y_m * y_m < keep_m * keep_m:
-            return False
-    return True
-
-
-@compiled
 def contact_s(x_m: float, y_m: float, v_x: float, v_y: float, keep_m: float) -> float:
     """When something at (x, y) comes nearer than `keep_m` at that velocity towards it, or inf."""
     apart2_m2 = x_m * x_m + y_m * y_m
@@ -161,6 +140,21 @@ def peer_s(
     if apart2_m2 < keep_m * keep_m:
         keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2) - NEARER_M)
     return contact_s(row[table.X], row[table.Y], v_x, v_y, keep_m)
+
+
+@compiled
+def free_along(points: Floats, unit_x: float, unit_y: float, strip_m: float) -> float:
+    """How far a strip in some direction is free of points, m, inf where it has none."""
+    free_m = np.inf
+    for point in range(points.shape[0]):
+        ahead_m = points[point, 0] * unit_x + points[point, 1] * unit_y
+        if ahead_m <= 0.0 or ahead_m - strip_m >= free_m:
+            continue
+        aside_m = points[point, 1] * unit_x - points[point, 0] * unit_y
+        inside = strip_m * strip_m - aside_m * aside_m
+        if inside > 0.0:
+            free_m = min(free_m, max(0.0, ahead_m - np.sqrt(inside)))
+    return free_m
 
 
 @compiled
@@ -223,15 +217,7 @@ def least(
     for index in range(units.shape[0]):
         unit_x = way_x * units[index, 0] - way_y * units[index, 1]
         unit_y = way_y * units[index, 0] + way_x * units[index, 1]
-        free_m = np.inf
-        for point in range(points.shape[0]):
-            ahead_m = points[point, 0] * unit_x + points[point, 1] * unit_y
-            if ahead_m <= 0.0 or ahead_m - strip_m >= free_m:
-                continue
-            aside_m = points[point, 1] * unit_x - points[point, 0] * unit_y
-            inside = strip_m * strip_m - aside_m * aside_m
-            if inside > 0.0:
-                free_m = min(free_m, max(0.0, ahead_m - np.sqrt(inside)))
+        free_m = -1.0  # looked for where a cell might be the cheapest
         if index == units.shape[0] // 2 and known_m > 0.0:
             free_m = np.inf
         off_rad = (index - units.shape[0] // 2) * STEP_RAD
@@ -255,6 +241,8 @@ def least(
             )
             if cost >= best - TIE:
                 continue
+            if free_m < 0.0:
+                free_m = free_along(points, unit_x, unit_y, strip_m)
             after_s = free_m / u_mps
             if after_s < OBSTACLE_S:
                 soon = OBSTACLE_S / max(after_s, 1e-3) - 1.0

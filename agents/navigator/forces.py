@@ -82,7 +82,9 @@ def field(
             units[sector, 0] = x / away_m
             units[sector, 1] = y / away_m
     push_x = push_y = 0.0
+    closest_m = np.inf
     for sector in range(sectors):
+        closest_m = min(closest_m, nearest_m[sector])
         gap_m = max(nearest_m[sector] - radius_m, NEAR_M)
         if gap_m < reach_m:
             size = gain * (1.0 / gap_m - 1.0 / reach_m) / gap_m
@@ -92,7 +94,7 @@ def field(
     across = max(-across_max, min(across_max, across))
     across_x, across_y = -pull_y * across, pull_x * across
     x, y = pull_x + across_x, pull_y + across_y
-    for _ in range(SWEEPS):
+    for _ in range(SWEEPS if closest_m - radius_m < barrier_m else 0):
         for sector in range(sectors):
             clear_m = nearest_m[sector] - radius_m
             if clear_m >= barrier_m:

@@ -25,6 +25,7 @@ from swarm.passages import OPPOSITE, SAME, of_axis, same_line
 # Of a gap: wider than a body by this, narrower than two by that.
 SLACK_M, TWO_ABREAST_M = 0.15, 0.25
 ASIDE_M, SIGHT_M = 0.4, 3.6  # its middle is this near to the way, and to the robot
+ROUNDING_M = 1e-6
 ACROSS_MIN = 0.35  # sine of the angle between chord and way
 FLANK_M, FLANK_NEAR_M = 1.4, 0.35  # both posts go on as walls: a hit this near to so far beyond
 BLOCKED_SHARE = 0.3  # of its width: something this near to its middle, and it is no gap
@@ -47,6 +48,9 @@ HURRY_S = 0.3  # it may set out this long before the last opponent is through
 WAIT_NEAR_M, WAIT_BEFORE_M, WAIT_STEP_M, WAIT_RIGHT_M = 3.0, 0.75, 0.55, 0.85
 ZIP_M = 0.5  # between those of a platoon that merge into the mouth
 SHARE_HOLDER, SHARE_WAITER = 0.3, 1.0
+
+
+_NOT_FOUND = (0.0,) * 5
 
 
 class State(msgspec.Struct, frozen=True):
@@ -144,10 +148,12 @@ def look(
         ):
             state, mine = State(), None
     if mine is None or along_m < -OUTSIDE_M:
-        found = np.zeros(5)
+        found: Floats | tuple[float, ...] = _NOT_FOUND
         least_m, most_m = 2.0 * radius_m + SLACK_M, 4.0 * radius_m + TWO_ABREAST_M
         if len(points) > 1 and len(path) > 1:
-            find(points, path, rows, least_m, most_m, found)
+            seen = np.zeros(5)
+            find(points, path, rows, least_m, most_m, seen)
+            found = seen
         if found[0] > 0.0 and (mine is None or found[0] <= state.width_m + BETTER_M):
             mouth = (position[0] + float(found[1]), position[1] + float(found[2]))
             axis = (float(found[3]), float(found[4]))
@@ -322,8 +328,30 @@ def find(
     """
     count = points.shape[0]
     best = np.inf
-    for one in range(count):
-        for other in range(one + 1, count):
+    # Cells that can be near enough to the middle of a chord in sight.
+    near = np.empty(path.shape[0], dtype=np.int64)
+    nears = 0
+    for cell in range(1, path.shape[0]):
+        off_m = SIGHT_M + ASIDE_M + ROUNDING_M
+        if path[cell, 0] * path[cell, 0] + path[cell, 1] * path[cell, 1] < off_m * off_m:
+            near[nears] = cell
+            nears += 1
+    # Points that can be near enough to one of these to be a post of such a chord.
+    posts = np.empty(count, dtype=np.int64)
+    found_posts = 0
+    for point in range(count):
+        off_m = ASIDE_M + 0.5 * most_m + ROUNDING_M
+        for number in range(nears):
+            off_x = path[near[number], 0] - points[point, 0]
+            off_y = path[near[number], 1] - points[point, 1]
+            if off_x * off_x + off_y * off_y < off_m * off_m:
+                posts[found_posts] = point
+                found_posts += 1
+                break
+    for left in range(found_posts):
+        one = posts[left]
+        for right in range(left + 1, found_posts):
+            other = posts[right]
             x_m = points[other, 0] - points[one, 0]
             y_m = points[other, 1] - points[one, 1]
             width2_m2 = x_m * x_m + y_m * y_m
@@ -339,7 +367,8 @@ def find(
             unit_x, unit_y = x_m / width_m, y_m / width_m
             # Where the way crosses the chord, or comes nearest to its middle.
             nearest_m2, nearest = ASIDE_M * ASIDE_M, -1
-            for cell in range(1, path.shape[0]):
+            for number in range(nears):
+                cell = near[number]
                 off_x, off_y = path[cell, 0] - middle_x, path[cell, 1] - middle_y
                 off_m2 = off_x * off_x + off_y * off_y
                 if off_m2 < nearest_m2:

@@ -6,9 +6,8 @@ The window is a square anchored in the world that is moved on, by whole cells, w
 its border. Points and distances are whole millimetres from the middle of its middle cell; a cell
 is centred on a multiple of its size, so that mirrored robots have mirrored windows.
 
-A State keeps points (5 bytes each) and a field (2 bytes a cell, 98 kB as the defaults are) that
-lags behind: it is shared by successive States, and the newest points are stamped into a copy that
-lives for a tick.
+A State keeps points (5 bytes each) and a field (2 bytes a cell, 98 kB as the defaults are), which
+successive States share as long as no point is added.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from functools import lru_cache
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from agents.navigator import points
 from agents.navigator.law import Law
@@ -25,7 +25,6 @@ from swarm import geometry
 from swarm.geometry import Floats, Pose, Ranges, Vec2
 
 POINTS_MAX = 4000  # then nothing new is remembered until the window moves on
-PENDING_MAX = 24  # points that a kept field may lag behind
 # Beams that lie this close together tell what is gone; further off they pass beside what is thin.
 BEAM_SPACING_M = 0.08
 GONE_AFTER_TICKS = 6  # from one clearing to the next: each costs a field of its own
@@ -36,10 +35,9 @@ class Memory(msgspec.Struct, frozen=True):
     """Points and the distances to them, as bytes of arrays: they cannot be changed in place."""
 
     origin_mm: tuple[int, int]  # world, of the middle of the middle cell
+    field: memoryview  # (side, side) uint16 mm to the nearest point, read-only
     points: bytes = b""  # (points, 2) int16 mm
     misses: bytes = b""  # (points,) uint8 beams that passed through since it was last seen
-    field: bytes = b""  # (side, side) uint16 mm to the nearest of the first `stamped` points
-    stamped: int = 0
     ticks: int = 0  # since points were cleared
     version: int = 0  # of the distances: counts changes
     grown: int = 0  # version at which distances last grew, so that a better way may exist
@@ -50,7 +48,10 @@ class Memory(msgspec.Struct, frozen=True):
 
     def field_mm(self, law: Law) -> Field:
         """Read-only view."""
-        return np.frombuffer(self.field, dtype=np.uint16).reshape(law.side_cells, law.side_cells)
+        flat = np.frombuffer(self.field, dtype=np.uint16)
+        if not flat.flags.aligned:  # it has come over a wire
+            flat = np.frombuffer(bytes(self.field), dtype=np.uint16)
+        return flat.reshape(law.side_cells, law.side_cells)
 
 
 class Beams(msgspec.Struct, frozen=True, eq=False):
@@ -74,7 +75,7 @@ def empty(law: Law, pose: Pose, version: int = 0) -> Memory:
     """Nothing known, around a robot."""
     return Memory(
         origin_mm=_cell_at(law, pose),
-        field=np.full(law.side_cells**2, law.reach_mm, dtype=np.uint16).tobytes(),
+        field=shared(np.full((law.side_cells, law.side_cells), law.reach_mm, dtype=np.uint16)),
         version=version,
         grown=version,
     )
@@ -115,34 +116,22 @@ def observe(
         BEAM_SPACING_M * len(hits_m) / geometry.TAU,
     )
     replace = msgspec.structs.replace
-    field_mm, count = memory.field_mm(law), len(points_mm)
+    before, count = len(memory.misses), len(points_mm)
+    field_mm = _stamped(law, memory.field_mm(law), points_mm, before)
     if gone and memory.ticks >= GONE_AFTER_TICKS:
-        field_mm = _stamped(law, field_mm, points_mm, memory.stamped).copy()
         lost = misses >= points.MISSES_MAX
-        kept_mm = points_mm[~lost]
-        points.unstamp(field_mm, points_mm[lost], kept_mm, law.cell_mm, law.reach_mm)
-        field_mm.setflags(write=False)
-        return replace(
-            memory,
-            points=kept_mm.tobytes(),
-            misses=misses[~lost].tobytes(),
-            field=field_mm.tobytes(),
-            stamped=len(kept_mm),
-            ticks=0,
-            version=memory.version + 1,
-            grown=memory.version + 1,
-        ), field_mm
-    added = 4 * count > len(memory.points)
-    field_mm = _stamped(law, field_mm, points_mm, memory.stamped)
-    kept = count - memory.stamped > PENDING_MAX
+        memory = replace(memory, field=shared(field_mm), ticks=0)
+        memory = _unstamped(law, memory, points_mm, misses, lost)
+        return memory, memory.field_mm(law)
+    if count == before:
+        return replace(memory, misses=misses.tobytes(), ticks=memory.ticks + 1), field_mm
     return replace(
         memory,
-        points=points_mm.tobytes() if added else memory.points,
+        points=points_mm.tobytes(),
         misses=misses.tobytes(),
-        field=field_mm.tobytes() if kept else memory.field,
-        stamped=count if kept else memory.stamped,
+        field=shared(field_mm),
         ticks=memory.ticks + 1,
-        version=memory.version + added,
+        version=memory.version + 1,
     ), field_mm
 
 
@@ -169,6 +158,30 @@ def around(
     )
 
 
+def is_clear(
+    memory: Memory, seen_from: Pose, hits_m: Ranges, pose: Pose, way_m: Vec2, keep_m: float
+) -> bool:
+    """Whether nothing that `around` finds lies nearer than so to a straight way.
+
+    Args:
+        way_m: from the pose to its end, m, world axes.
+    """
+    rays = beams(len(hits_m))
+    ahead, aside = geometry.unit(seen_from.yaw_rad)
+    return points.is_clear(
+        memory.points_mm(),
+        np.frombuffer(memory.misses, dtype=np.uint8),
+        hits_m,
+        rays.units,
+        *within(memory, seen_from.x_m, seen_from.y_m),
+        ahead,
+        aside,
+        *within(memory, pose.x_m, pose.y_m),
+        *way_m,
+        keep_m,
+    )
+
+
 def shifted(law: Law, memory: Memory, pose: Pose) -> Memory:
     """Memory with its window around the robot once that nears its border."""
     x_mm, y_mm = within(memory, pose.x_m, pose.y_m)
@@ -178,7 +191,7 @@ def shifted(law: Law, memory: Memory, pose: Pose) -> Memory:
     if max(abs(x_mm), abs(y_mm)) > 2 * half_mm:  # nothing of it is left
         return empty(law, pose, memory.version + 1)
     origin_mm = _cell_at(law, pose)
-    before_mm = _stamped(law, memory.field_mm(law), memory.points_mm(), memory.stamped)
+    before_mm = memory.field_mm(law)
     dx_mm = origin_mm[0] - memory.origin_mm[0]
     dy_mm = origin_mm[1] - memory.origin_mm[1]
     moved_mm = memory.points_mm().astype(np.int64) - np.array((dx_mm, dy_mm))
@@ -192,8 +205,7 @@ def shifted(law: Law, memory: Memory, pose: Pose) -> Memory:
         origin_mm=origin_mm,
         points=moved_mm[inside].astype(np.int16).tobytes(),
         misses=np.frombuffer(memory.misses, dtype=np.uint8)[inside].tobytes(),
-        field=field_mm.tobytes(),
-        stamped=int(inside.sum()),
+        field=shared(field_mm),
         version=memory.version + 1,
     )
 
@@ -209,8 +221,7 @@ def without(law: Law, memory: Memory, pose: Pose, radius_m: float) -> Memory:
         memory,
         points=points_mm.tobytes(),
         misses=np.frombuffer(memory.misses, dtype=np.uint8)[kept].tobytes(),
-        field=_stamped(law, blank, points_mm, 0).tobytes(),
-        stamped=len(points_mm),
+        field=shared(_stamped(law, blank, points_mm, 0)),
         ticks=0,
         version=memory.version + 1,
         grown=memory.version + 1,
@@ -231,18 +242,36 @@ def cleared(law: Law, memory: Memory, discs: Floats) -> Memory:
         lost |= away_mm[:, 0] ** 2 + away_mm[:, 1] ** 2 < (1000.0 * radius_m) ** 2
     if not lost.any():
         return memory
-    field_mm = _stamped(law, memory.field_mm(law), points_mm, memory.stamped).copy()
+    misses = np.frombuffer(memory.misses, dtype=np.uint8)
+    return _unstamped(law, memory, points_mm, misses, lost)
+
+
+def _unstamped(
+    law: Law, memory: Memory, points_mm: Points, misses: points.Counts, lost: npt.NDArray[np.bool_]
+) -> Memory:
+    """Memory without some of its points.
+
+    Args:
+        points_mm, misses: all of them, and how often they have been missed.
+        lost: (points,) which.
+    """
+    field_mm = memory.field_mm(law).copy()
     kept_mm = points_mm[~lost]
     points.unstamp(field_mm, points_mm[lost], kept_mm, law.cell_mm, law.reach_mm)
     return msgspec.structs.replace(
         memory,
         points=kept_mm.tobytes(),
-        misses=np.frombuffer(memory.misses, dtype=np.uint8)[~lost].tobytes(),
-        field=field_mm.tobytes(),
-        stamped=len(kept_mm),
+        misses=misses[~lost].tobytes(),
+        field=shared(field_mm),
         version=memory.version + 1,
         grown=memory.version + 1,
     )
+
+
+def shared(field_mm: Field) -> memoryview:
+    """A field as States share it: nobody may write to it from now on."""
+    field_mm.setflags(write=False)
+    return field_mm.data.cast("B")
 
 
 def _stamped(law: Law, field_mm: Field, points_mm: Points, first: int) -> Field:

@@ -73,7 +73,7 @@ class Scan(msgspec.Struct, frozen=True):
     y_m: float
     ahead: float
     aside: float
-    ranges: bytes  # (beams,) float64
+    ranges: bytes  # (beams,) float32, as it was sent
 
 
 class State(msgspec.Struct, frozen=True):
@@ -81,8 +81,9 @@ class State(msgspec.Struct, frozen=True):
 
     tracks: bytes = b""  # (tracks, COLUMNS) float64
     scans: tuple[Scan, ...] = ()
-    hidden: bytes = b""  # (beams,) bool: hits on what moves, in the newest scan
+    hidden: bytes = b""  # (beams,) bool: hits on what moves, in the newest scan; none: no hit is
     tick: int = -1  # of that
+    moves: int = 0  # tracks that move; mostly there are none, and then nothing is looked at
 
     def rows(self) -> Floats:
         """Read-only view of all tracks."""
@@ -90,18 +91,27 @@ class State(msgspec.Struct, frozen=True):
 
     def moving(self) -> Floats:
         """(movers, COLUMNS) those that move."""
+        if not self.moves:
+            return _NO_TRACKS
         rows = self.rows()
         return rows[rows[:, MOVES] > 0.0]
 
     def without(self, ranges_m: Ranges, tick: int) -> Ranges:
         """The newest scan without what moves; the same array when nothing does."""
-        hidden = np.frombuffer(self.hidden, dtype=np.bool_)
-        if tick != self.tick or not hidden.any():
+        if tick != self.tick or not self.hidden:
             return ranges_m
         left_m = ranges_m.copy()
-        left_m[hidden] = np.inf
+        left_m[np.frombuffer(self.hidden, dtype=np.bool_)] = np.inf
         left_m.setflags(write=False)
         return left_m
+
+
+# Where there is nothing; not read-only, which inner loops would take for another type.
+_NO_SCAN = Scan(0.0, 0.0, 0.0, 0.0, b"")
+_NO_TRACKS: Floats = np.empty((0, COLUMNS))
+_NO_BODIES: Floats = np.empty((0, 3))
+_NO_ROWS: Floats = np.empty((0, table.COLUMNS))
+_NO_MOVERS: Floats = np.empty((0, 5))
 
 
 @lru_cache(maxsize=32)
@@ -128,49 +138,35 @@ def step(
         return State()
     if frame.tick - state.tick > PAUSE_TICKS:
         state = State()
-    # No beam tells what is free beyond the lidar's range.
-    raw_m = np.minimum(frame.ranges_m(), setup.sensor.range_m).astype(np.float64)
     pose = frame.pose
     ahead, aside = geometry.unit(pose.yaw_rad)
-    rays = memory.beams(len(raw_m))
+    rays = memory.beams(len(hits_m))
     noise = setup.disturbance
     # 3 sigma of whatever is declared, at some range: two scans differ by that without any motion
     unsure_m = 3.0 * (
         noise.range_sigma_m + 2.0 * noise.position_sigma_m + 4.0 * noise.yaw_sigma_rad
     )
-    bodies = np.array(
-        [
+    range_m = setup.sensor.range_m
+    bodies = _NO_BODIES
+    if others and (
+        near := [
             (pose.x_m + one.offset[0], pose.y_m + one.offset[1], one.beacon.body_radius_m + PEER_M)
             for one in others
-            if one.distance_m < setup.sensor.range_m + 1.0
+            if one.distance_m < range_m + 1.0
         ]
-    ).reshape(-1, 3)
-    cosine, sine = _half_beam(len(raw_m))
-    found = segments(
-        raw_m, hits_m.astype(np.float64), rays.units, pose.x_m, pose.y_m, ahead, aside,
-        cosine, sine, bodies, unsure_m, setup.sensor.range_m,
+    ):
+        bodies = np.array(near)
+    old = state.scans[-1] if len(state.scans) >= SCANS - 1 else _NO_SCAN
+    tracks, moves, hidden = watch(
+        frame.ranges_m(), hits_m, rays.units, rays.bounds, pose.x_m, pose.y_m, ahead, aside,
+        *_half_beam(len(hits_m)), bodies, unsure_m, range_m, float(np.float32(range_m)),
+        state.rows(), elapsed_s,
+        np.frombuffer(old.ranges, dtype=np.float32), old.x_m, old.y_m, old.ahead, old.aside,
     )  # fmt: skip
-    old = state.scans[-1] if len(state.scans) >= SCANS - 1 else None
-    tracks = follow(
-        state.rows(), found, raw_m, rays.units, rays.bounds, pose.x_m, pose.y_m, ahead, aside,
-        2.0 * sine, elapsed_s, unsure_m,
-        np.frombuffer(old.ranges if old else b""),
-        np.array((old.x_m, old.y_m, old.ahead, old.aside)) if old else np.zeros(4),
-    )  # fmt: skip
-    hidden = b""
-    if len(tracks) and (tracks[:, MOVES] > 0.0).any():
-        hidden = hide(
-            tracks,
-            hits_m.astype(np.float64),
-            rays.units,
-            pose.x_m,
-            pose.y_m,
-            ahead,
-            aside,
-            unsure_m,
-        ).tobytes()
-    scan = Scan(pose.x_m, pose.y_m, ahead, aside, raw_m.tobytes())
-    return State(tracks.tobytes(), (scan, *state.scans)[:SCANS], hidden, frame.tick)
+    scan = Scan(pose.x_m, pose.y_m, ahead, aside, frame.ranges.data)
+    return State(
+        tracks.tobytes(), (scan, *state.scans)[:SCANS], hidden.tobytes(), frame.tick, moves
+    )
 
 
 def trail(before: State, now: State) -> Floats:
@@ -178,9 +174,9 @@ def trail(before: State, now: State) -> Floats:
 
     All of its window when it has just been found out, else where it is.
     """
+    if not now.moves:
+        return _NO_BODIES
     moving = now.moving()
-    if not len(moving):
-        return np.empty((0, 3))
     known = before.moving()
     found: list[tuple[float, float, float]] = []
     for row in moving:
@@ -201,6 +197,8 @@ def as_peers(state: State, x_m: float, y_m: float, after_s: float) -> Floats:
 
     Their circles reach ahead of them, so that the cheaper way is the one behind.
     """
+    if not state.moves:
+        return _NO_ROWS
     rows: list[tuple[float, ...]] = []
     for row in state.moving():
         v_x, v_y = float(row[V_X]), float(row[V_Y])
@@ -213,11 +211,13 @@ def as_peers(state: State, x_m: float, y_m: float, after_s: float) -> Floats:
         rows.append(
             (off_x, off_y, v_x, v_y, 0.0, 0.0, speed_mps, radius_m, 0.0, 1.0, table.LAWLESS)
         )
-    return np.array(rows) if rows else np.empty((0, table.COLUMNS))
+    return np.array(rows) if rows else _NO_ROWS
 
 
 def ahead(state: State, x_m: float, y_m: float, after_s: float) -> Floats:
     """(movers, 5) x, y, m, from a place after some time; velocity, m/s; radius."""
+    if not state.moves:
+        return _NO_MOVERS
     moving = state.moving()
     found = np.empty((len(moving), 5))
     found[:, 0] = moving[:, X] + after_s * moving[:, V_X] - x_m
@@ -228,6 +228,70 @@ def ahead(state: State, x_m: float, y_m: float, after_s: float) -> Floats:
 
 
 # --- inner loops --------------------------------------------------------------------------------
+
+
+@compiled
+def watch(
+    seen_m: Ranges,
+    hits_m: Ranges,
+    units: Floats,
+    bounds: Floats,
+    x_m: float,
+    y_m: float,
+    ahead: float,
+    aside: float,
+    cosine: float,
+    sine: float,
+    bodies: Floats,
+    unsure_m: float,
+    range_m: float,
+    clear_m: float,
+    tracks: Floats,
+    elapsed_s: float,
+    old_m: Ranges,
+    old_x: float,
+    old_y: float,
+    old_ahead: float,
+    old_aside: float,
+) -> tuple[Floats, int, Flags]:
+    """Tracks after a scan, how many move, (beams,) hits that lie on these; empty: none does.
+
+    Args:
+        seen_m: (beams,) all hits; hits_m: those of obstacles.
+        clear_m: the lidar's range, of which beyond no beam tells what is free.
+        old_m: (beams,) scan of before, perhaps empty, and from where.
+    """
+    beams = len(hits_m)
+    raw_m = np.empty(beams)
+    far_m = np.empty(beams)
+    for beam in range(beams):
+        seen = float(seen_m[beam])
+        raw_m[beam] = clear_m if seen > clear_m else seen
+        far_m[beam] = float(hits_m[beam])
+    found = segments(
+        raw_m, far_m, units, x_m, y_m, ahead, aside, cosine, sine, bodies, unsure_m, range_m
+    )
+    # The old scan tells something of segments only.
+    before_m = np.empty(len(old_m) if len(found) > 0 else 0)
+    for beam in range(len(before_m)):
+        seen = float(old_m[beam])
+        before_m[beam] = clear_m if seen > clear_m else seen
+    result = follow(
+        tracks, found, raw_m, units, bounds, x_m, y_m, ahead, aside, 2.0 * sine, elapsed_s,
+        unsure_m, before_m, np.array((old_x, old_y, old_ahead, old_aside)),
+    )  # fmt: skip
+    moves = 0
+    for index in range(len(result)):
+        if result[index, MOVES] > 0.0:
+            moves += 1
+    hidden = np.zeros(0, dtype=np.bool_)
+    if moves > 0:
+        on = hide(result, far_m, units, x_m, y_m, ahead, aside, unsure_m)
+        for beam in range(beams):
+            if on[beam]:
+                hidden = on
+                break
+    return result, moves, hidden
 
 
 @compiled

@@ -15,6 +15,7 @@ direction, and the next bound is a quarter of it: however many are lost, on whic
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import cos, sin
 
 import msgspec
@@ -79,6 +80,7 @@ class Held(msgspec.Struct, frozen=True):
     corrects: bool = True  # announced from the pose, else from the one carried
 
 
+@lru_cache(maxsize=1024)
 def pad_m(setup: RobotSetup, clock_error_s: float = 0.0) -> float:
     """Room around a body for what is not as announced even where all poses are exact.
 
@@ -106,6 +108,20 @@ def promise(
         doubt: about the pose in it.
         pending: twists under way.
     """
+    if not pending and doubt == NO_DOUBT and setup.disturbance.speed_error == 0.0:
+        return _exact(setup)
+    return _promise(setup, set_point, doubt, pending)
+
+
+@lru_cache(maxsize=1024)
+def _exact(setup: RobotSetup) -> Promise:
+    """Promise at any set-point where nothing is off: then the room is the same all the way."""
+    return _promise(setup, STILL, NO_DOUBT, ())
+
+
+def _promise(
+    setup: RobotSetup, set_point: Twist, doubt: Doubt, pending: tuple[Twist, ...]
+) -> Promise:
     robot = setup.robot
     brakes_mps2 = brake.brakes_mps2(setup)
     brakes_radps2 = robot.turn_acceleration_radps2_max
@@ -121,6 +137,17 @@ def promise(
 
 def _doubts(setup: RobotSetup, doubt: Doubt, pending: tuple[Twist, ...]) -> Floats:
     """(6,) of `keep`."""
+    if not pending and doubt == NO_DOUBT:
+        return _no_doubts(setup)
+    return _some_doubts(setup, doubt, pending)
+
+
+@lru_cache(maxsize=1024)
+def _no_doubts(setup: RobotSetup) -> Floats:
+    return _some_doubts(setup, NO_DOUBT, ())
+
+
+def _some_doubts(setup: RobotSetup, doubt: Doubt, pending: tuple[Twist, ...]) -> Floats:
     way_m = sum([abs(twist.speed_mps) * setup.dt_s for twist in pending])
     turn_rad = sum([abs(twist.turn_rate_radps) * setup.dt_s for twist in pending])
     room_m = setup.robot.body_radius_m + pad_m(setup) + doubt.position_m
@@ -148,6 +175,7 @@ def keep(body: Floats, doubts: Floats, dt_s: float) -> float:
     return float(doubts[0] + slip * (doubts[2] + way_m))
 
 
+@lru_cache(maxsize=1024)
 def is_kept(setup: RobotSetup) -> bool:
     """Whether this robot stops fast enough for its promise to be of use."""
     ticks = announce.ticks(setup.robot.speed_mps_max, brake.brakes_mps2(setup), setup.dt_s)
@@ -172,8 +200,7 @@ def hold(
     asked: Twist,
     others: Sequence[Peer],
     statics: Sequence[Peer],
-    points: Floats,
-    room_m: float,
+    points_m: Floats,
     where: Estimate | None = None,
     carried: Pose | None = None,
     pending: tuple[Twist, ...] = (),
@@ -188,9 +215,10 @@ def hold(
         pending: twists until the set-point takes effect.
         others: peers that promise, heard lately.
         statics: those that do not, each where it is believed to be; they get half of the gap.
-        points: (n, 2) m, world: obstacles, those near enough to matter.
-        room_m: no nearer to them.
+        points_m: (n, 2) from the pose, world axes: obstacles, those near enough to matter.
     """
+    if not others and not statics:
+        return State(state.tick, state.sent), None
     robot, dt_s = setup.robot, setup.dt_s
     mine = promise(setup, twist, where.doubt if where else NO_DOUBT, pending)
     brakes = (mine.deceleration_mps2, mine.turn_deceleration_radps2)
@@ -210,9 +238,11 @@ def hold(
         given = beacon.promise
         assert given is not None
         age = tick - beacon.tick
-        fastest_mps = max(beacon.speed_mps_max, abs(beacon.twist.speed_mps))
+        fastest_mps = beacon.speed_mps_max
+        if abs(beacon.twist.speed_mps) > fastest_mps:
+            fastest_mps = abs(beacon.twist.speed_mps)
         near_m = mine.keep_m + given.keep_m + FREE_M + reach_m + age * dt_s * fastest_mps
-        near_m += announce.reach_m(fastest_mps, given.deceleration_mps2, dt_s)
+        near_m += fastest_mps * dt_s + fastest_mps * fastest_mps / (2.0 * given.deceleration_mps2)
         if peer.distance_m > near_m:
             continue
         row = announce.row(beacon, given, dt_s)
@@ -256,8 +286,8 @@ def hold(
         asked.turn_rate_radps,
         np.array(rows),
         slack,
-        points,
-        room_m,
+        points_m + np.array((pose.x_m, pose.y_m)) if len(points_m) else points_m,
+        brake.room(setup, points_m),
         dt_s,
         1.0 + setup.disturbance.speed_error,
         _PARTS,

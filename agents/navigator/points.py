@@ -85,13 +85,21 @@ def remember(
     slots = 64
     while slots < 2 * room:
         slots *= 2
+    # No hit is in the fine cell of a point that is further off than all of them.
+    range_max_m = 0.0
+    for beam in range(beams):
+        range_m = float(hits_m[beam])
+        if range_m < 1e6:
+            range_max_m = max(range_max_m, range_m)
+    span_mm = 1000.0 * range_max_m + 3.0 * fine_mm
     table = np.zeros(slots, dtype=np.int32)  # point + 1, by its fine cell
+    points[:known] = points_mm
+    missed[:known] = misses
     for index in range(known):
         px_mm = int(points_mm[index, 0])
         py_mm = int(points_mm[index, 1])
-        points[index, 0] = px_mm
-        points[index, 1] = py_mm
-        missed[index] = misses[index]
+        if abs(px_mm - x_mm) > span_mm or abs(py_mm - y_mm) > span_mm:
+            continue
         cell_x = nearest(px_mm * per_mm)
         cell_y = nearest(py_mm * per_mm)
         slot = (cell_x * 7919 + cell_y * 104729) & (slots - 1)
@@ -202,6 +210,58 @@ def gather(
             found[count, 1] = dy / 1000.0
             count += 1
     return found[:count]
+
+
+@compiled
+def is_clear(
+    points_mm: Points,
+    misses: Counts,
+    hits_m: Ranges,
+    units: Floats,
+    seen_x: float,
+    seen_y: float,
+    ahead: float,
+    aside: float,
+    x_mm: float,
+    y_mm: float,
+    to_x: float,
+    to_y: float,
+    keep_m: float,
+) -> bool:
+    """Whether nothing that `gather` would find lies nearer than so to the straight way from (x, y).
+
+    Args:
+        to_x, to_y: m from there.
+    """
+    for beam in range(len(hits_m)):
+        range_m = float(hits_m[beam])
+        if not range_m < 1e6:
+            continue
+        ux, uy = units[beam, 0], units[beam, 1]
+        dx = seen_x + 1000.0 * range_m * (ahead * ux - aside * uy) - x_mm
+        dy = seen_y + 1000.0 * range_m * (aside * ux + ahead * uy) - y_mm
+        if is_beside(dx / 1000.0, dy / 1000.0, to_x, to_y, keep_m):
+            return False
+    for index in range(len(points_mm)):
+        dx = int(points_mm[index, 0]) - x_mm
+        dy = int(points_mm[index, 1]) - y_mm
+        if int(misses[index]) < MISSES_MAX and is_beside(
+            dx / 1000.0, dy / 1000.0, to_x, to_y, keep_m
+        ):
+            return False
+    return True
+
+
+@compiled
+def is_beside(x_m: float, y_m: float, to_x: float, to_y: float, keep_m: float) -> bool:
+    """Whether a point lies nearer than `keep_m` to the straight way from here."""
+    way2_m2 = to_x * to_x + to_y * to_y
+    if way2_m2 > 0.0:
+        share = (x_m * to_x + y_m * to_y) / way2_m2
+        share = max(0.0, min(1.0, share))
+        x_m -= share * to_x
+        y_m -= share * to_y
+    return x_m * x_m + y_m * y_m < keep_m * keep_m
 
 
 @compiled

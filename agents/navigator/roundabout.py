@@ -62,6 +62,8 @@ def step(
         speed_mps: its top speed.
         peers: rows of `table`.
     """
+    if not len(peers) and state.centre is None:
+        return state, None
     to_x, to_y = target[0] - position[0], target[1] - position[1]
     met = np.zeros(len(peers))
     found = np.zeros(5)

@@ -209,6 +209,9 @@ def expand(
                 ni, nj = i + di, j + dj
                 if ni < 0 or nj < 0 or ni >= side or nj >= side:
                     continue
+                there = ni * side + nj
+                if costs[there] <= cost:
+                    continue  # every step costs something
                 away_mm = int(field_mm[ni, nj])
                 more = int(straight[away_mm] if di == 0 or dj == 0 else diagonal[away_mm])
                 if abs(ni - start_i) <= NEAR_CELLS and abs(nj - start_j) <= NEAR_CELLS:
@@ -217,7 +220,6 @@ def expand(
                         more = near
                 if more < 0:
                     continue
-                there = ni * side + nj
                 total = cost + more
                 if total < costs[there]:
                     costs[there] = total

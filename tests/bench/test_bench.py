@@ -42,6 +42,8 @@ ROWS = {
         for longest in ("", ", longest")
     ),
     *("step: alone, navigator", "step: alone, navigator, longest"),
+    "step: with 20 neighbours, navigator",
+    "step: with 20 neighbours, navigator, longest",
     *("memory: real time", "memory: ticks"),
     *("telemetry: tick in memory", "telemetry: tick as processes"),
     *("telemetry: of it MCAP", "telemetry: of it Rerun"),

@@ -8,13 +8,15 @@ from __future__ import annotations
 import gc
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from agents import robot
 from swarm.run import lockstep
 from swarm.run.bench import figures, rehearsal
 from swarm.run.bench.figures import Row
+from swarm.run.bench.navigation import cases, encounters
+from swarm.run.bench.navigation.cases import Controller
 from swarm.run.bench.rehearsal import Rehearsal
 from world import simulation
 
@@ -28,7 +30,11 @@ ROLES = {
     "follower FORM": (6, 150.0),
     "follower AVOID": (6, 150.0),
     "alone": (1, 100.0),
+    "with 20 neighbours": (21, 250.0),
 }
+AMONG = "with 20 neighbours"
+# Robots at random places that all hear each other, of which some are timed for a while.
+AMONG_AREA_M2, AMONG_TIMED, AMONG_TICKS = 8.0, 3, 150
 LOOP = "calibrating loop"
 LOOP_ADDITIONS = 1000  # about 50 us
 # other budgets
@@ -56,13 +62,14 @@ def step(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
     ticks_max, passes = (TINY_TICKS, 1) if tiny else (TICKS_MAX, PASSES)
     for controller in ("extended", "paper", "navigator"):
         progress(f"step: {controller}")
-        roles = ("alone",) if controller == "navigator" else tuple(ROLES)
-        spent_us: dict[str, list[float]] = {role: [] for role in (*roles, LOOP)}
-        for name in (ALONE,) if controller == "navigator" else (FORMATION, ALONE):
-            plan = rehearsal.built_in(name, settings=[f"robot.controller={controller}"])
-            for role, step_us in _steps_us(rehearsal.rehearse(plan, ticks_max), passes):
-                if role in spent_us:
-                    spent_us[role].append(step_us)
+        spent_us: dict[str, list[float]] = {LOOP: []}
+        for role, step_us in (
+            timed
+            for seen in _rehearsals(controller, ticks_max)
+            for timed in _steps_us(seen, passes)
+        ):
+            spent_us.setdefault(role, []).append(step_us)
+        roles = [role for role in ROLES if role in spent_us]
         loop_us = statistics.median(spent_us[LOOP])
         for role in roles:
             size, budget_us = ROLES[role]
@@ -85,6 +92,19 @@ def step(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
     return tuple(rows)
 
 
+def _rehearsals(controller: Controller, ticks_max: int) -> Iterator[Rehearsal]:
+    """Runs in which its roles occur, one after the other: each is large."""
+    names = (ALONE,) if controller == "navigator" else (FORMATION, ALONE)
+    for name in names:
+        plan = rehearsal.built_in(name, settings=[f"robot.controller={controller}"])
+        yield rehearsal.rehearse(plan, ticks_max)
+    if controller == "navigator":
+        size, _ = ROLES[AMONG]
+        plan = cases.under(encounters.random_places(size, AMONG_AREA_M2, 0), controller)
+        timed = [one.name for one in plan.robots[:AMONG_TIMED]]
+        yield rehearsal.rehearse(plan, min(AMONG_TICKS, ticks_max), timed)
+
+
 def _steps_us(seen: Rehearsal, passes: int) -> list[tuple[str, float]]:
     """(role, us) of every step of a run, and of a loop in every tick."""
     roles: list[str] = []
@@ -94,11 +114,15 @@ def _steps_us(seen: Rehearsal, passes: int) -> list[tuple[str, float]]:
         jobs.append(partial(figures.loop, LOOP_ADDITIONS))
         for frame in moment.frames:
             setup, name = seen.setups[frame.robot], frame.robot
+            if name not in moment.minds:
+                continue
             mode = moment.commands[name].beacon.mode
             if setup.slot is not None:
                 roles.append(f"follower {mode}")
+            elif setup.leads:
+                roles.append("leader")
             else:
-                roles.append("leader" if setup.leads else "alone")
+                roles.append("alone" if len(seen.setups) == 1 else AMONG)
             jobs.append(partial(robot.step, setup, moment.minds[name], frame))
     return [(role, 1e6 * s) for role, s in zip(roles, rehearsal.best_s(jobs, passes), strict=True)]
 

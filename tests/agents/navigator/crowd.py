@@ -128,7 +128,7 @@ def least_gap_m(
                 lean_rad = draw.uniform(-pi, pi)
             asked = wish(draw, moods[row], body, now.pose, others) if tick else STILL
             states[row], held = pact.hold(
-                setup, states[row], tick, now.pose, now.twist, asked, others, [], NOTHING, 0.0,
+                setup, states[row], tick, now.pose, now.twist, asked, others, [], NOTHING,
                 where, carried.pose, pending,
             )  # fmt: skip
             set_point = motion.limited(body, now.twist, asked, dt_s=DT_S)

@@ -113,17 +113,19 @@ def test_who_touches_almost_may_leave_but_not_press_on() -> None:
     assert turning.turn_rate_radps == 0.5
 
 
-def test_a_second_condition_is_heeded_in_the_same_loop() -> None:
-    seen: list[brake.Course] = []
-
-    def slow_only(one: brake.Course) -> bool:
-        seen.append(one)
-        return abs(one.reached.speed_mps) < 0.45
-
-    set_point, limit = brake.hold(SETUP, 0.0, Twist(0.5, 0.0), Twist(0.6, 0.0), NONE, slow_only)
-    assert set_point.speed_mps == pytest.approx(0.42)
-    assert limit.by == "brake"
-    assert len(seen[0].at_ticks()) * 2 == len(seen[0].places_m)
+@given(clouds, asked, asked, st.floats(-pi, 3.1))
+def test_the_first_candidate_that_keeps_off_is_taken(
+    points: list[tuple[float, float]], before: Twist, wish: Twist, yaw_rad: float
+) -> None:
+    around = near(points, Pose(0.0, 0.0, yaw_rad))
+    twist = brake.reached(SETUP.robot, STILL, before, 1.0)
+    wishes = [Twist(share * wish.speed_mps, wish.turn_rate_radps) for share in brake.SHARES]
+    courses = [brake.course(SETUP, yaw_rad, twist, one) for one in wishes]
+    keep_m = brake.room(SETUP, around)
+    free = [one.reached for one in courses if brake.keeps_off(around, one.places_m, keep_m)]
+    set_point, limit = brake.hold(SETUP, yaw_rad, twist, wish, around)
+    assert set_point == (free[0] if free else brake.braked(SETUP, twist))
+    assert (limit.by == "") == bool(free and free[0] is courses[0].reached)
 
 
 def mirrored(setup: RobotSetup, yaw_rad: float) -> Twist:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.navigator import brake, chords, forces, memory, points, search, speed
+from agents.navigator import brake, chords, forces, memory, points, search, sight, speed
 from agents.navigator.law import law
 from swarm.scenario import Navigator
 
@@ -52,6 +52,22 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
             *(12.5, -70.25, 0.6, 0.8, 15.5, -60.25, 1500.0),
         ),
     ),
+    (points.is_beside, (0.3, 0.7, 1.0, 1.0, 0.3)),
+    (
+        points.is_clear,
+        (
+            *(POINTS, np.zeros(60, dtype=np.uint8), HITS, RAYS.units),
+            *(12.5, -70.25, 0.6, 0.8, 15.5, -60.25, 0.2, 0.1, 0.01),
+        ),
+    ),
+    (
+        sight.scan,
+        (
+            np.where(RANDOM.random(72) < 0.1, np.nan, HITS).astype(np.float32),
+            np.array([(-1.0, 0.1, 1.005, 0.6), (0.1, 0.2, 0.23, 0.5), (2.0, 1.0, 2.24, 0.3)]),
+            *(RAYS.units, RAYS.bounds, 24, 0.05),
+        ),
+    ),
     (chords.distance_at, (FIELD, 123.4, -456.7, CELL)),
     (chords.share_at, (RULES.shares, 321.9)),
     (chords.progress, (PATH, 0, 0, 3, -1000.5, -333.25)),
@@ -87,6 +103,15 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
     (brake.slower, (0.7, -1.3, 0.1, 0.2)),
     (brake.places, (0.9, -1.3, 0.1, 0.9, 0.08, 0.6, 0.8, 14)),
     (brake.nearest_of, (NEAR,)),
+    (brake.room_of, (NEAR, 0.22, 0.05)),
+    (
+        brake.first_free,
+        (
+            *(NEAR + 0.45, np.array(brake.SHARES)),
+            np.array([1.0, 0.5, 2.5, 0.16, 0.64, 0.144, 0.12, 0.08, 0.2, 0.05]),
+            *(0.9, -1.3, 1.0, -1.0, 0.6, 0.8),
+        ),
+    ),
     (brake.keeps_off, (NEAR, brake.places(0.9, -1.3, 0.1, 0.9, 0.08, 0.6, 0.8, 14), 0.25)),
     (search.estimate, (5, -7)),
     (search.line_key, (5, -7, 1, 2, 600, 800)),

@@ -128,5 +128,5 @@ def test_mirrored_scenes_are_remembered_mirrored(some: list[scenes.Disc], pose: 
 def test_a_state_costs_what_the_docstring_says() -> None:
     pose = Pose(0.0, 0.0, 0.0)
     known = look(RULES, memory.empty(RULES, pose), pose, [(1.0, 0.0, 0.3)])
-    assert len(known.field) == 2 * 221 * 221
+    assert known.field.nbytes == 2 * 221 * 221
     assert len(known.points) + len(known.misses) == 5 * len(known.points_mm())

@@ -193,7 +193,6 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
             *(True, 1.0, 0.0, np.zeros(3)),
         ),
     ),
-    (cells.is_clear, (RANDOM.uniform(-2.0, 2.0, (40, 2)), 1.0, 1.0, 0.3)),
 ]
 
 

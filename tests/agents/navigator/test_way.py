@@ -28,13 +28,11 @@ def known(points_m: list[Vec2], version: int = 1) -> tuple[Memory, Field]:
     mm = mm.reshape(-1, 2)
     field = blank.field_mm(RULES).copy()
     points.stamp(field, mm, 0, len(mm), RULES.cell_mm, RULES.reach_mm)
-    field.setflags(write=False)
     return Memory(
         blank.origin_mm,
+        memory.shared(field),
         mm.tobytes(),
         bytes(len(mm)),
-        field.tobytes(),
-        len(mm),
         version=version,
     ), field
 
@@ -154,8 +152,7 @@ def test_a_long_search_goes_on_in_the_next_ticks_and_finds_the_same() -> None:
     mm = np.array([(round(1000 * x), round(1000 * y)) for x, y in scene], dtype=np.int16)
     field = blank.field_mm(rules).copy()
     points.stamp(field, mm, 0, len(mm), rules.cell_mm, rules.reach_mm)
-    field.setflags(write=False)
-    remembered = Memory(blank.origin_mm, mm.tobytes(), bytes(len(mm)), field.tobytes(), len(mm))
+    remembered = Memory(blank.origin_mm, memory.shared(field), mm.tobytes(), bytes(len(mm)))
     found: Way | None = None
     ticks = 0
     while found is None or not found.path:

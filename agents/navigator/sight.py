@@ -1,0 +1,115 @@
+"""One look around in one inner loop: what is known, without peers, and the sectors of the MSAM.
+
+    ranges --NaN: nothing is known--> --without peers--> hits --nearest of each sector--> msam.Map
+
+The same as `health.known_ranges` and `msam.update` make of it, for a robot that hears many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents import msam
+from agents.navigator import memory
+from agents.navigator.compiled import compiled
+from agents.navigator.points import bin_of
+from agents.peers import Peer
+from swarm.geometry import Floats, Ranges
+from swarm.scenario import RobotSetup
+
+BEYOND_M = 1.0  # beyond the lidar's range: whose body is further off hides no hit
+ROUNDING_M = 1e-9
+
+# Columns of a peer: where it is, body frame; how far off that is; how near to it hits are its own.
+X, Y, AWAY, REACH = range(4)
+_NOBODY: Floats = np.empty((0, 4))
+
+
+def look(setup: RobotSetup, ranges_m: Ranges, others: Sequence[Peer]) -> tuple[msam.Map, bool]:
+    """Map of a scan, and whether something is known of every beam.
+
+    Args:
+        ranges_m: (beams,) m, inf for a miss, NaN where nothing is known.
+        others: those whose bodies are no obstacles.
+    """
+    bodies = _NOBODY
+    if others and (near := _rows(setup, others)):
+        bodies = np.array(near)
+    rays = memory.beams(len(ranges_m))
+    known_m, sectors_m, complete = scan(
+        ranges_m,
+        bodies,
+        rays.units,
+        rays.bounds,
+        setup.msam.sectors,
+        setup.sensor.range_m / setup.msam.rings,
+    )
+    known_m.setflags(write=False)
+    return msam.of(setup, known_m, sectors_m.tolist(), []), complete
+
+
+def _rows(setup: RobotSetup, others: Sequence[Peer]) -> list[tuple[float, float, float, float]]:
+    far_m = setup.sensor.range_m + BEYOND_M
+    tolerance_m, more_m = setup.msam.peer_tolerance_m, setup.msam.peer_tolerance_per_missed_tick_m
+    rows = []
+    for peer in others:
+        reach_m = peer.beacon.body_radius_m + tolerance_m + more_m * peer.missed_ticks
+        if peer.distance_m - reach_m < far_m:
+            rows.append((*peer.offset_body, peer.distance_m, reach_m))
+    return rows
+
+
+# --- inner loops --------------------------------------------------------------------------------
+
+
+@compiled
+def scan(
+    ranges_m: Ranges,
+    bodies: Floats,
+    units: Floats,
+    bounds: Floats,
+    sectors: int,
+    ring_m: float,
+) -> tuple[Ranges, Floats, bool]:
+    """Hits without peers, inner edge of the nearest ring of each sector, whether none is unknown.
+
+    Args:
+        bodies: (peers, 4) as above.
+        units: (beams, 2) body frame; `bounds` as `bin_of` has them.
+    """
+    beams = len(ranges_m)
+    known_m = ranges_m.copy()
+    complete = True
+    for beam in range(beams):
+        if np.isnan(known_m[beam]):
+            known_m[beam] = np.inf
+            complete = False
+    # From the beam that looks at the middle of a body to both sides, as far as they cross it.
+    for row in range(len(bodies)):
+        x_m, y_m = bodies[row, X], bodies[row, Y]
+        away_m, reach_m = bodies[row, AWAY], bodies[row, REACH]
+        inside = away_m <= reach_m
+        middle = bin_of(bounds, x_m, y_m)
+        for side in range(-1, 2, 2):
+            for step in range(beams // 2 + 1):
+                beam = (middle + side * step) % beams
+                unit_x, unit_y = units[beam, 0], units[beam, 1]
+                if not inside and step > 0:
+                    off_m = abs(unit_x * y_m - unit_y * x_m)
+                    if off_m > reach_m + ROUNDING_M or unit_x * x_m + unit_y * y_m < 0.0:
+                        break
+                hit_m = float(ranges_m[beam])
+                if away_m - reach_m <= hit_m <= away_m + reach_m:
+                    dx_m, dy_m = hit_m * unit_x - x_m, hit_m * unit_y - y_m
+                    if dx_m * dx_m + dy_m * dy_m <= reach_m * reach_m:
+                        known_m[beam] = np.inf
+    nearest_m = np.empty(sectors)
+    per_sector = beams // sectors
+    for sector in range(sectors):
+        least_m = np.inf
+        for beam in range(sector * per_sector, (sector + 1) * per_sector):
+            least_m = min(least_m, float(known_m[beam]))
+        nearest_m[sector] = np.floor(least_m / ring_m) * ring_m
+    return known_m, nearest_m, complete
