@@ -68,12 +68,23 @@ def _with_code(module: ModuleType, names: Sequence[str]) -> ModuleType:
 @cache
 def _numba() -> Any:
     numba: ModuleType = importlib.import_module("numba")
-    folder = importlib.resources.files("agents.navigator")
-    sources = sorted((part.name, part) for part in folder.iterdir() if part.name.endswith(".py"))
-    version = zlib.crc32(b"".join(part.read_bytes() for _, part in sources))
     config: Any = numba.config
-    config.CACHE_DIR = str(_cache(Path(str(folder))) / f"compiled-{version:08x}")
+    config.CACHE_DIR = str(folder())
     return numba
+
+
+def is_kept() -> bool:
+    """Whether there is machine code of these sources already, so that it need only be loaded."""
+    return any(folder().rglob("*.nbi"))
+
+
+@cache
+def folder() -> Path:
+    """Where the machine code of these sources is kept."""
+    here = importlib.resources.files("agents.navigator")
+    sources = sorted((part.name, part) for part in here.iterdir() if part.name.endswith(".py"))
+    version = zlib.crc32(b"".join(part.read_bytes() for _, part in sources))
+    return _cache(Path(str(here))) / f"compiled-{version:08x}"
 
 
 def _cache(folder: Path) -> Path:

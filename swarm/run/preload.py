@@ -11,7 +11,7 @@ import gc
 import sys
 import threading
 
-from agents.navigator import warm
+from agents.navigator import compiled, warm
 
 SLOW_S = 1.0
 
@@ -21,12 +21,14 @@ _notice = threading.Timer(
     ["swarm: compiling the navigator's inner loops, once on this machine (about 10 s)"],
     {"file": sys.stderr, "flush": True},
 )
-_notice.start()
+if not compiled.is_kept():
+    _notice.start()
 try:
     warm.up()
 finally:
-    _notice.cancel()
-    _notice.join()  # no thread may be there when robots are forked
+    if _notice.is_alive():
+        _notice.cancel()
+        _notice.join()  # no thread may be there when robots are forked
 
 gc.collect()
 gc.freeze()

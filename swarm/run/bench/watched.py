@@ -113,11 +113,10 @@ class Watched:
 
     def run(self) -> None:
         """To the end of the last window."""
-        process = psutil.Process()
-        before = process.memory_info().rss
+        before = _memory_bytes()
         try:
             lockstep.run(self._plan, [self._observe], self._stop)
-            self.grown_mb = max(0.0, (process.memory_info().rss - before) / 1e6)
+            self.grown_mb = max(0.0, (_memory_bytes() - before) / 1e6)
         finally:
             self._picture.close()
             self._end()
@@ -168,3 +167,9 @@ class Watched:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._viewer.wait(1.0)
             self._viewer = None
+
+
+def _memory_bytes() -> int:
+    """Memory in use without pages of files, which come and go as the kernel likes."""
+    memory = psutil.Process().memory_info()
+    return int(memory.rss - memory.shared)
