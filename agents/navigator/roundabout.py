@@ -28,6 +28,8 @@ ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
 # straight ways tell little of the centre, and a radius that jumps as neighbours come into sight
 # and go breaks up the ring. Both are forgotten this long after the last conflict.
 FOLLOW, FOLLOW_RING = 0.002, 0.05
+# Of a ring larger than this only an arc is in sight: what is seen tells more as it goes on.
+LARGE_M, FOLLOW_LARGE, RING_LARGE_M = 4.0, 0.01, 0.2
 MEMORY_S = 1.6
 RADIUS_M_MAX = 8.0
 LONE_GAP = 1.6  # a gap this many times the mean one is not part of the ring
@@ -74,9 +76,10 @@ def step(
         if state.centre is None:
             centre = seen
         else:
+            follow = FOLLOW_LARGE if state.ring_m > LARGE_M else FOLLOW
             centre = (
-                state.centre[0] + FOLLOW * (seen[0] - state.centre[0]),
-                state.centre[1] + FOLLOW * (seen[1] - state.centre[1]),
+                state.centre[0] + follow * (seen[0] - state.centre[0]),
+                state.centre[1] + follow * (seen[1] - state.centre[1]),
             )
         state = State(centre, ring_m=state.ring_m)
     elif state.centre is None or state.idle_s + elapsed_s > MEMORY_S:
@@ -91,12 +94,14 @@ def step(
     for row in met.nonzero()[0].tolist():
         bearings.append(atan2(float(peers[row, 1]) - y_m, float(peers[row, 0]) - x_m))
         spacing_m = max(spacing_m, radius_m + float(peers[row, table.RADIUS]) + RING_M)
-    ring_m = state.ring_m
-    if len(bearings) > 1:
-        now_m = radius(bearings, spacing_m)
-        now_m = max(now_m, min(radius(bearings, spacing_m + WIDE_M), SMALL_M))
-        ring_m = now_m if ring_m == 0.0 else ring_m + FOLLOW_RING * (now_m - ring_m)
-    state = msgspec.structs.replace(state, ring_m=ring_m)
+    ring_m = radius(bearings, spacing_m)
+    ring_m = max(ring_m, min(radius(bearings, spacing_m + WIDE_M), SMALL_M))
+    if ring_m > LARGE_M:
+        ring_m = radius(bearings, spacing_m + RING_LARGE_M - RING_M)
+    if len(bearings) > 1:  # else nobody is in the way any more: the ring may be left
+        if state.ring_m > 0.0 and max(state.ring_m, ring_m) <= LARGE_M:
+            ring_m = state.ring_m + FOLLOW_RING * (ring_m - state.ring_m)
+        state = msgspec.structs.replace(state, ring_m=ring_m)
     centre_rad = atan2(y_m, x_m)
     if away_m > ring_m:
         tangent_rad = atan2(ring_m, sqrt(away_m * away_m - ring_m * ring_m))
