@@ -143,6 +143,7 @@ class State(msgspec.Struct, frozen=True):
     since_s: float = 0.0  # for so long
     movers: movers.State = movers.State()  # seen by the lidar only
     near: Near = Near()
+    heard: tuple[Name, ...] = ()  # in the tick before, in order
 
 
 def redirect(state: State) -> State:
@@ -153,6 +154,7 @@ def redirect(state: State) -> State:
         pact=state.pact,
         where=state.where,
         movers=state.movers,
+        heard=state.heard,
     )
 
 
@@ -215,16 +217,36 @@ def watch(
     others: Sequence[Peer],
     elapsed_s: float,
 ) -> tuple[State, msam.Map]:
-    """What moves without being heard: known, off the map, and out of the memory."""
+    """What moves: known, off the map, and out of the memory.
+
+    A peer that is heard for the first time, or again, was seen as an obstacle before: where it
+    stands there is none.
+    """
     before, now = (
         state.movers,
         movers.step(setup, state.movers, seen, map.ranges_m, others, elapsed_s),
     )
-    known, trail = state.memory, movers.trail(before, now)
-    if known is not None and len(trail):
-        known = memory.cleared(law(setup.navigator, setup.robot.body_radius_m), known, trail)
-    state = msgspec.structs.replace(state, movers=now, memory=known)
+    known, gone = state.memory, movers.trail(before, now)
+    heard = tuple([peer.beacon.name for peer in others])
+    if heard != state.heard:
+        bodies = bodies_of([peer for peer in others if peer.beacon.name not in state.heard], setup)
+        gone = np.concatenate((gone, bodies))
+    if known is not None and len(gone):
+        known = memory.cleared(law(setup.navigator, setup.robot.body_radius_m), known, gone)
+    state = msgspec.structs.replace(state, movers=now, memory=known, heard=heard)
     return state, without(state, seen, map)
+
+
+def bodies_of(others: Sequence[Peer], setup: RobotSetup) -> Floats:
+    """(peers, 3) m: x, y, radius, world: where hits on those lie that are masked."""
+    more_m = setup.msam.peer_tolerance_m
+    return np.array(
+        [
+            (peer.pose.x_m, peer.pose.y_m, peer.beacon.body_radius_m + more_m)
+            for peer in others
+            if peer.beacon.promise is not None and not peers.has_come_to_grief(peer.beacon)
+        ]
+    ).reshape(-1, 3)
 
 
 def without(state: State, seen: SensorFrame, map: msam.Map) -> msam.Map:
@@ -375,12 +397,12 @@ def doubt(
     Beside a peer it is not: that may be what holds it.
     """
     replace = msgspec.structs.replace
-    beside_m = setup.robot.body_radius_m + BESIDE_M
-    if state.held or any(one.distance_m < beside_m + one.beacon.body_radius_m for one in others):
-        return replace(state, still_s=0.0, place=None), known
     if state.closed_s > CLOSED_S and not state.forgot:
         known = memory.empty(rules, frame.pose, known.version + 1)
         return replace(state, forgot=True, closed_s=0.0, way=None), known
+    beside_m = setup.robot.body_radius_m + BESIDE_M
+    if state.held or any(one.distance_m < beside_m + one.beacon.body_radius_m for one in others):
+        return replace(state, still_s=0.0, place=None), known
     twist = frame.twist
     here, place, place_s = (frame.pose.x_m, frame.pose.y_m), state.place, state.place_s + elapsed_s
     if place is None or geometry.length(here[0] - place[0], here[1] - place[1]) > PLACE_M:
@@ -401,22 +423,24 @@ def give_up(
 ) -> State:
     """State with what there is to say about there being no way.
 
-    A peer in sight may be what closes it, and may go: as long as there is one it does not give up.
+    A peer in sight may be what closes it, and may go: as long as there is one it does not give up,
+    and forgets again and again.
     """
     replace = msgspec.structs.replace
     assert state.way is not None
     if state.held:
         elapsed_s = 0.0
     closed_s = state.closed_s + elapsed_s if state.way.closed else 0.0
-    in_sight = [one for one in others if one.distance_m < setup.sensor.range_m]
-    if any(peers.stands(one.beacon) for one in in_sight):
-        closed_s = min(closed_s, state.closed_s)
+    in_sight = any(one.distance_m < setup.sensor.range_m for one in others)
+    forgot = state.forgot
+    if in_sight and forgot and closed_s > CLOSED_S:
+        forgot, closed_s = False, 0.0
     best_m, best_s = state.best_m, state.best_s + elapsed_s
     if goal_m < best_m - NEARER_M:
         best_m, best_s = goal_m, 0.0
     failed = state.failed
     if in_sight:  # they may be what is in the way, and go: no more than blocked
-        return replace(state, closed_s=closed_s, best_m=best_m, best_s=best_s)
+        return replace(state, closed_s=closed_s, forgot=forgot, best_m=best_m, best_s=best_s)
     if not failed and closed_s > CLOSED_S and state.forgot:
         failed = "enclosed"
     if not failed and best_s > setup.navigator.give_up_s:

@@ -27,6 +27,7 @@ PEER_M = 0.1  # room to peers
 NEAR_PEER_M = 0.01  # where it is less already, it may at least not become less
 NEARER_M = 0.02
 OBSTACLE_S, PEER_S = 1.5, 2.5  # contacts after this do not matter
+PARKED_PEER_S = 1.0  # who stands at its goal stays until somebody is this near
 CONTACT_COST = 0.3
 CONTACT_COST_MAX = 20.0  # times that
 RIGHT_COST, RIGHT_RAD = 0.5, 0.8  # of going left when somebody comes
@@ -104,6 +105,7 @@ def choose(
         keeps_right,
         min(slow_mps, PARKED_SPEED * speed_mps_max) if parked else slow_mps,
         free_m,
+        PARKED_PEER_S if parked else PEER_S,
         found,
     )
     index = int(found[0])
@@ -176,12 +178,14 @@ def least(
     keeps_right: bool,
     slow_mps: float,
     known_m: float,
+    ahead_s: float,
     found: Floats,
 ) -> None:
     """Index of direction and speed of the cheapest cell; whether the preferred one meets anybody.
 
     Args:
         turn_rad: from the heading to the way.
+        ahead_s: contacts with peers after this do not matter.
         found: (3,) filled.
     """
     count = peers.shape[0]
@@ -202,8 +206,8 @@ def least(
     for row in range(count):
         if peers[row, table.RISK] > 0.0:
             after_s = peer_s(0.0, 0.0, said_x, said_y, radius_m, peers[row])
-            if after_s < PEER_S:
-                risk = max(risk, min(CONTACT_COST_MAX, PEER_S / max(after_s, 1e-3) - 1.0))
+            if after_s < ahead_s:
+                risk = max(risk, min(CONTACT_COST_MAX, ahead_s / max(after_s, 1e-3) - 1.0))
     best = (
         np.sqrt(want_x * want_x + want_y * want_y) / speed_mps_max
         + CHANGE_COST * np.sqrt(last_x * last_x + last_y * last_y) / speed_mps_max
@@ -256,8 +260,8 @@ def least(
                 if peers[row, table.RISK] <= 0.0:
                     continue
                 after_s = peer_s(u_x, u_y, said_x, said_y, radius_m, peers[row])
-                if after_s < PEER_S:
-                    soon = PEER_S / max(after_s, 1e-3) - 1.0
+                if after_s < ahead_s:
+                    soon = ahead_s / max(after_s, 1e-3) - 1.0
                     risk = max(risk, min(CONTACT_COST_MAX, soon))
                     if risk >= risk_max:
                         break

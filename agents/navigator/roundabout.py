@@ -22,11 +22,14 @@ HORIZON_S = 8.0  # of conflicts
 SPACING_M = 0.2  # hull to hull: less at the closest approach is a conflict
 # A small ring is made wider by this much between neighbours, who then keep their order on it.
 WIDE_M, SMALL_M = 0.1, 1.8
-RING_M = 0.2  # hull to hull on the ring
+RING_M = 0.23
 ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
-# The centre follows what is seen of it by this part in a tick: as soon as all turn, straight ways
-# tell little of it. It is forgotten this long after the last conflict.
-FOLLOW = 0.01
+# Centre and radius follow what is seen of them by such parts in a tick: as soon as all turn,
+# straight ways tell little of the centre, and a radius that jumps as neighbours come into sight
+# and go breaks up the ring. Both are forgotten this long after the last conflict.
+FOLLOW, FOLLOW_RING = 0.002, 0.05
+# Of a ring larger than this only an arc is in sight: what is seen tells more as it goes on.
+LARGE_M, FOLLOW_LARGE, RING_LARGE_M = 4.0, 0.01, 0.2
 MEMORY_S = 1.6
 RADIUS_M_MAX = 8.0
 LONE_GAP = 1.6  # a gap this many times the mean one is not part of the ring
@@ -38,10 +41,11 @@ SPEED_MIN = 0.3  # of the top speed; slower robots do not go round
 
 
 class State(msgspec.Struct, frozen=True):
-    """The centre, for as long as it is kept in mind."""
+    """Centre and radius, for as long as they are kept in mind."""
 
     centre: Vec2 | None = None  # m, world
     idle_s: float = 0.0  # since the last conflict
+    ring_m: float = 0.0  # radius; 0: not known yet
 
 
 def step(
@@ -74,15 +78,16 @@ def step(
         if state.centre is None:
             centre = seen
         else:
+            follow = FOLLOW_LARGE if state.ring_m > LARGE_M else FOLLOW
             centre = (
-                state.centre[0] + FOLLOW * (seen[0] - state.centre[0]),
-                state.centre[1] + FOLLOW * (seen[1] - state.centre[1]),
+                state.centre[0] + follow * (seen[0] - state.centre[0]),
+                state.centre[1] + follow * (seen[1] - state.centre[1]),
             )
-        state = State(centre)
+        state = State(centre, ring_m=state.ring_m)
     elif state.centre is None or state.idle_s + elapsed_s > MEMORY_S:
         return State(), None
     else:
-        state = State(state.centre, state.idle_s + elapsed_s)
+        state = State(state.centre, state.idle_s + elapsed_s, state.ring_m)
     assert state.centre is not None
     x_m, y_m = state.centre[0] - position[0], state.centre[1] - position[1]
     away_m = length(x_m, y_m)
@@ -93,6 +98,12 @@ def step(
         spacing_m = max(spacing_m, radius_m + float(peers[row, table.RADIUS]) + RING_M)
     ring_m = radius(bearings, spacing_m)
     ring_m = max(ring_m, min(radius(bearings, spacing_m + WIDE_M), SMALL_M))
+    if ring_m > LARGE_M:
+        ring_m = radius(bearings, spacing_m + RING_LARGE_M - RING_M)
+    if len(bearings) > 1:  # else nobody is in the way any more: the ring may be left
+        if state.ring_m > 0.0 and max(state.ring_m, ring_m) <= LARGE_M:
+            ring_m = state.ring_m + FOLLOW_RING * (ring_m - state.ring_m)
+        state = msgspec.structs.replace(state, ring_m=ring_m)
     centre_rad = atan2(y_m, x_m)
     if away_m > ring_m:
         tangent_rad = atan2(ring_m, sqrt(away_m * away_m - ring_m * ring_m))

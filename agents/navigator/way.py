@@ -108,7 +108,8 @@ def step(
             before = int(planned[index]) - int(planned[-1])
             needed = now < 0 or now > DEARER * before + DEARER_CELLS * FREE
     lost = memory.grown > way.version or (way.closed and memory.version != way.version)
-    needed = needed or (lost and way.ticks >= AGAIN_TICKS)
+    opened = way.closed and memory.grown > way.version
+    needed = needed or opened or (lost and way.ticks >= AGAIN_TICKS)
     if way.search is None and not needed:
         return way
     if way.search is not None and way.search.origin_mm != memory.origin_mm:

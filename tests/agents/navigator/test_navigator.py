@@ -13,7 +13,7 @@ from agents.lateness import State as Late
 from agents.navigator import brake, predict
 from swarm import geometry
 from swarm.geometry import STILL, Pose, Twist
-from swarm.messages import Command
+from swarm.messages import Beacon, Command, Promise
 from swarm.scenario import RobotSetup
 from tests.agents import scenes
 
@@ -155,6 +155,26 @@ def test_a_peer_that_stands_in_sight_may_be_what_closes_the_way() -> None:
     assert state.navigating.way is not None
     assert state.navigating.way.closed
     assert command.beacon.mode == "GO"
+
+
+def test_who_is_heard_for_the_first_time_was_never_an_obstacle() -> None:
+    """In the first tick nobody is heard: a peer that starts on the goal seems to stand there."""
+    setup = setup_of(goal=(2.0, 0.0))
+    state, body = robot.init(setup), Pose(2.0, 0.0, 0.0)
+    for tick in range(4):
+        said = (peer_at(body, tick - 1),) if tick else ()
+        scan = scenes.scan([(body.x_m, body.y_m, 0.22)], scenes.ORIGIN)
+        frame = scenes.frame("robot1", tick, ranges_m=scan, beacons=said)
+        state, command = robot.step(setup, state, frame)
+        assert state.navigating.memory is not None
+        assert state.navigating.way is not None
+        assert (len(state.navigating.memory.points) > 0) == (tick == 0)
+    assert command.set_point.speed_mps > 0.0
+
+
+def peer_at(pose: Pose, tick: int) -> Beacon:
+    promise = Promise(deceleration_mps2=1.0, turn_deceleration_radps2=4.0, keep_m=0.25)
+    return scenes.beacon("robot2", pose, tick=tick, promise=promise)
 
 
 def test_a_goal_in_an_obstacle_is_said_to_have_no_way() -> None:

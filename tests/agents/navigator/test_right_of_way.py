@@ -124,6 +124,38 @@ def test_one_that_comes_the_other_way_is_passed_on_its_left_side() -> None:
     assert -0.5 < direction_rad < 0.0
 
 
+def test_who_stands_at_its_goal_stays_until_somebody_is_near() -> None:
+    def speed_mps(away_m: float, parked: bool) -> float:
+        rows = np.zeros((1, table.COLUMNS))
+        rows[0, [table.X, table.U_X, table.SPEED, table.RADIUS]] = (away_m, -1.0, 1.0, 0.2)
+        rows[0, [table.SHARE, table.RISK]] = (0.5, 1.0)
+        still = (0.0, 0.0)
+        choice = cells.choose(
+            0.0, 0.0, 0.0, still, still, 0.2, 1.0, rows, np.empty((0, 2)),
+            keeps_right=False, parked=parked, slow_mps=1.0,
+        )  # fmt: skip
+        return choice.speed_mps
+
+    assert speed_mps(1.3, parked=False) > 0.0
+    assert speed_mps(1.3, parked=True) == 0.0
+    assert speed_mps(0.6, parked=True) > 0.0
+
+
+def test_a_ring_does_not_jump_as_neighbours_come_into_sight() -> None:
+    rows = np.zeros((3, table.COLUMNS))
+    for row, angle_rad in enumerate((0.0, pi / 2.0, -pi / 2.0)):
+        x_m, y_m = 3.0 + 3.0 * np.cos(angle_rad), 3.0 * np.sin(angle_rad)
+        rows[row, [table.X, table.Y, table.TARGET_X, table.TARGET_Y]] = (x_m, y_m, 6.0 - x_m, -y_m)
+    rows[:, [table.SPEED, table.ACTIVE, table.RISK]] = 1.0
+    rows[:, table.RADIUS], rows[:, table.SHARE] = 0.2, 0.5
+    place, target = (0.0, 0.0), (6.0, 0.0)
+    few, _ = roundabout.step(roundabout.State(), place, target, 0.0, 1.0, 0.2, rows[:1], DT_S)
+    more, _ = roundabout.step(few, place, target, 0.0, 1.0, 0.2, rows, DT_S)
+    new, _ = roundabout.step(roundabout.State(), place, target, 0.0, 1.0, 0.2, rows, DT_S)
+    assert few.ring_m < more.ring_m < new.ring_m
+    assert more.ring_m - few.ring_m < 0.1 * (new.ring_m - few.ring_m)
+
+
 def test_alone_in_the_open_the_cheapest_cell_is_the_way() -> None:
     nobody, nothing = np.empty((0, table.COLUMNS)), np.empty((0, 2))
     choice = cells.choose(
@@ -190,7 +222,7 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
         (
             *(0.6, 0.8, 1.0, 0.4, 0.5, 0.1, 0.9, 0.1, 0.2, 1.0),
             *(peers_rows(), RANDOM.uniform(-2.0, 2.0, (40, 2)), cells.UNITS, cells.SPEEDS),
-            *(True, 1.0, 0.0, np.zeros(3)),
+            *(True, 1.0, 0.0, 2.5, np.zeros(3)),
         ),
     ),
 ]
