@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from agents import lateness, navigator, peers, robot
 from agents.lateness import State as Late
-from agents.navigator import announce, brake, estimate, pact, predict
+from agents.navigator import announce, brake, estimate, headway, pact, predict
 from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import STILL, Pose, Twist
@@ -179,7 +179,7 @@ def test_it_says_that_it_is_blocked_until_it_gets_on() -> None:
         if tick > 350:
             pose = Pose(1.0, 0.0, 0.0)
         frame = scenes.frame("robot1", tick, pose, STILL)
-        state, now = navigator.say_blocked(state, frame, wish, 0.08, among=True)
+        state, now = headway.say_blocked(state, frame, wish, 0.08, among=True)
         said.append((now.mode, now.reason))
     assert said.index(("HOLD", "blocked")) * 0.08 < 30.0
     assert said[350] == ("HOLD", "blocked")
@@ -187,20 +187,20 @@ def test_it_says_that_it_is_blocked_until_it_gets_on() -> None:
     arrived = msgspec.structs.replace(wish, arrived=True)
     lasting = navigator.State(since=(0.0, 0.0), since_s=40.0, best_s=90.0)
     frame = scenes.frame("robot1", 400, scenes.ORIGIN, STILL)
-    assert navigator.say_blocked(lasting, frame, arrived, 0.08, among=True)[1] == arrived
+    assert headway.say_blocked(lasting, frame, arrived, 0.08, among=True)[1] == arrived
 
 
 def test_who_drives_about_in_vain_says_so_and_rests_among_others() -> None:
     wish, frame = Wish(mode="GO", speed_mps=1.0), scenes.frame("robot1", 1, scenes.ORIGIN, STILL)
     said = {
-        best_s: navigator.say_blocked(navigator.State(best_s=best_s), frame, wish, 0.08, among=True)
+        best_s: headway.say_blocked(navigator.State(best_s=best_s), frame, wish, 0.08, among=True)
         for best_s in (20.0, 60.0, 80.0, 140.0)
     }
     assert said[20.0][1] == wish
     assert [said[best_s][1].reason for best_s in (60.0, 80.0, 140.0)] == ["blocked"] * 3
     assert [said[best_s][1].speed_mps for best_s in (60.0, 80.0, 140.0)] == [1.0, 0.0, 1.0]
     alone = navigator.State(best_s=80.0)
-    assert navigator.say_blocked(alone, frame, wish, 0.08, among=False)[1] == wish
+    assert headway.say_blocked(alone, frame, wish, 0.08, among=False)[1] == wish
 
 
 def test_kernels_and_plain_python_agree() -> None:
