@@ -18,7 +18,7 @@ SLOW_S = 1.0
 _notice = threading.Timer(
     SLOW_S,
     print,
-    ["swarm: compiling the navigator's inner loops, once on this machine (about 10 s)"],
+    ["swarm: compiling the navigator's inner loops, once on this machine (about 20 s)"],
     {"file": sys.stderr, "flush": True},
 )
 if not compiled.is_kept():

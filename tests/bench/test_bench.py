@@ -76,7 +76,8 @@ def test_bench_has_every_row_finite_and_positive_when_tiny(folder: Path) -> None
     for row in found.rows:
         numbers = [row.figure, row.smallest, row.largest]
         numbers += [number for number in (row.floor, row.ratio, row.budget) if number is not None]
-        assert all(math.isfinite(number) and number > 0.0 for number in numbers), row
+        assert all(math.isfinite(number) and number >= 0.0 for number in numbers), row
+        assert row.unit == "MB" or row.figure > 0.0, row  # memory need not grow in a moment
         assert row.size >= 1
         assert row.ok
         assert (row.floor is None) == (row.ratio is None) == (row.over == "")
