@@ -11,7 +11,7 @@ help:
 	@echo "make test    lint, types, tests"
 	@echo "make test-kills  the full campaign of random kills"
 	@echo "make test-fuzz   a million payloads, 10,000 scenario files, 1,000 damaged recordings"
-	@echo "make test-crowds 30,000 crowds of robots that ask for anything and lose what others say"
+	@echo "make test-crowds 100,000 crowds that ask for anything, as many pairs of claims (an hour)"
 	@echo "make test-soak   a thousand kills and restarts in one run of 20 robots (2 minutes)"
 	@echo "make bench   what a swarm costs, as ratios"
 	@echo "make setup   only make .venv"
@@ -47,7 +47,8 @@ test-fuzz: setup
 	$(BIN)/python -m pytest tests/fuzz --fuzz 50
 
 test-crowds: setup
-	$(BIN)/python -m pytest tests/agents/navigator/test_pact.py --crowds 10000 --timeout 0
+	$(BIN)/python -m pytest tests/agents/navigator/test_pact.py tests/agents/navigator/test_right_of_way.py \
+		-k 'keep_apart or opposing' --crowds 50000 --timeout 0
 
 test-soak: setup
 	$(BIN)/python -m pytest tests/run/test_soak.py --soak 1000 -s

@@ -103,7 +103,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """How long the random campaigns are; `make test-kills`, `-fuzz`, `-soak` run the full ones."""
     parser.addoption("--kills", type=int, default=2, help="random kills of each kind (full: 20)")
     parser.addoption("--fuzz", type=int, default=1, help="parts of the fuzzing (full: 50)")
-    parser.addoption("--crowds", type=int, default=6, help="crowds of each kind (full: 10,000)")
+    parser.addoption(
+        "--crowds",
+        type=int,
+        default=60,
+        help="crowds a property looks at (full: 50,000)",
+    )
     parser.addoption("--soak", type=int, default=3, help="kill-and-restart cycles (full: 1000)")
 
 

@@ -6,6 +6,7 @@ draw --robots, moods, lost beacons--> pact.hold, world.motion, tick by tick --> 
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from math import atan2, cos, dist, inf, pi, sin
 
 import msgspec
@@ -27,28 +28,36 @@ NO_DISTURBANCE = Disturbance()
 NOTHING = np.empty((0, 2))
 
 
-def robots(draw: random.Random) -> list[Robot]:
-    """Two to four of different size, speed and brakes, so far apart that none is too near."""
-    count = draw.choice((2, 2, 3, 4))
-    side_m = 1.0 + 0.4 * count
+class Make(msgspec.Struct, frozen=True):
+    """What a robot is built like."""
+
+    radius_m: float
+    speed_mps: float
+    acceleration_mps2: float
+    turn_acceleration_radps2: float
+
+
+def robots(draw: random.Random, makes: Sequence[Make]) -> list[Robot]:
+    """One of each make, at random places so far apart that none is too near at first."""
+    side_m = 1.0 + 0.4 * len(makes)
     found: list[Robot] = []
-    while len(found) < count:
+    while len(found) < len(makes):
+        make = makes[len(found)]
         x_m, y_m = draw.uniform(-side_m, side_m), draw.uniform(-side_m, side_m)
-        radius_m = draw.choice((0.1, 0.2, 0.2, 0.5))
         robot = Robot(
             name=f"robot{len(found) + 1}",
             start=(x_m, y_m, draw.uniform(-3.0, 3.0)),
             goal=(0.0, 0.0),
             controller="navigator",
-            body_radius_m=radius_m,
-            half_track_m=min(0.17, radius_m),
-            speed_mps_max=draw.choice((0.5, 1.0, 1.0, 2.0)),
-            acceleration_mps2_max=draw.choice((1.0, 2.0, 2.0, 4.0)),
-            turn_acceleration_radps2_max=draw.choice((4.0, 8.0, 12.0)),
+            body_radius_m=make.radius_m,
+            half_track_m=min(0.17, make.radius_m),
+            speed_mps_max=make.speed_mps,
+            acceleration_mps2_max=make.acceleration_mps2,
+            turn_acceleration_radps2_max=make.turn_acceleration_radps2,
         )
         pads_m = 2.0 * 0.2
         if all(
-            dist(robot.start[:2], other.start[:2]) > radius_m + other.body_radius_m + pads_m
+            dist(robot.start[:2], other.start[:2]) > make.radius_m + other.body_radius_m + pads_m
             for other in found
         ):
             found.append(robot)
@@ -71,6 +80,7 @@ def wish(draw: random.Random, mood: int, robot: Robot, pose: Pose, others: list[
 
 def least_gap_m(
     draw: random.Random,
+    makes: Sequence[Make],
     loss: float,
     ticks: int = 100,
     declared: Disturbance = NO_DISTURBANCE,
@@ -81,7 +91,7 @@ def least_gap_m(
         loss: probability that a beacon is lost; no more than LOSSES_MAX in a row are.
         declared: errors of poses, late motors, speed errors; worst ones are drawn often.
     """
-    bodies = robots(draw)
+    bodies = robots(draw, makes)
     plan = Scenario(
         title="crowd", seed=0, dt_s=DT_S, duration_s=60.0, robots=tuple(bodies),
         disturbance=declared,

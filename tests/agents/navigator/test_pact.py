@@ -21,38 +21,52 @@ from world import motion
 ROUNDING_M = 1e-6
 
 
-@pytest.mark.parametrize("loss", [0.0, 0.2, 0.6])
-def test_robots_keep_apart_whatever_they_ask_for(
-    loss: float, request: pytest.FixtureRequest
-) -> None:
+MAKES = st.builds(
+    crowd.Make,
+    radius_m=st.sampled_from((0.2, 0.1, 0.5)),
+    speed_mps=st.sampled_from((1.0, 0.5, 2.0)),
+    acceleration_mps2=st.sampled_from((2.0, 1.0, 4.0)),
+    turn_acceleration_radps2=st.sampled_from((8.0, 4.0, 12.0)),
+)
+CROWDS = st.lists(MAKES, min_size=2, max_size=4)
+LOSSES = st.sampled_from((0.0, 0.2, 0.6, 0.9))
+SEEDS = st.integers(0, 2**48)
+# Errors lean one way, and are the worst declared ones.
+DECLARED = Disturbance(position_sigma_m=0.01, yaw_sigma_rad=0.0087, speed_error=0.05)
+
+
+def test_robots_keep_apart_whatever_they_ask_for(request: pytest.FixtureRequest) -> None:
     count = request.config.getoption("--crowds")
     gone_m = 0.0
-    for number in range(count):
-        gap_m, way_m = crowd.least_gap_m(random.Random(f"{loss} {number}"), loss)
-        assert gap_m >= -ROUNDING_M, f"crowd {number} at loss {loss}"
+
+    @settings(max_examples=count)
+    @given(makes=CROWDS, loss=LOSSES, seed=SEEDS)
+    def keep_apart(makes: list[crowd.Make], loss: float, seed: int) -> None:
+        nonlocal gone_m
+        gap_m, way_m = crowd.least_gap_m(random.Random(seed), makes, loss)
+        assert gap_m >= -ROUNDING_M
         gone_m += way_m
+
+    keep_apart()
     assert gone_m > 2.0 * count  # or nobody moves, and nothing is tested
 
 
-DECLARED = Disturbance(
-    position_sigma_m=0.01, yaw_sigma_rad=0.0087, speed_error=0.05, latency_ticks=1
-)
-
-
-@pytest.mark.parametrize("loss", [0.0, 0.2, 0.6])
-@pytest.mark.parametrize("latency_ticks", [0, 1, 3])
-def test_robots_keep_apart_whatever_disturbs_them(
-    loss: float, latency_ticks: int, request: pytest.FixtureRequest
-) -> None:
-    """Their bodies, where they truly are: errors are the worst declared ones, and lean one way."""
-    count = max(2, request.config.getoption("--crowds") // 4)
-    declared = msgspec.structs.replace(DECLARED, latency_ticks=latency_ticks)
+def test_robots_keep_apart_whatever_disturbs_them(request: pytest.FixtureRequest) -> None:
+    """Their bodies, where they truly are."""
+    count = request.config.getoption("--crowds")
     gone_m = 0.0
-    for number in range(count):
-        draw = random.Random(f"disturbed {loss} {latency_ticks} {number}")
-        gap_m, way_m = crowd.least_gap_m(draw, loss, declared=declared)
-        assert gap_m >= -ROUNDING_M, f"crowd {number} at loss {loss}"
+
+    @settings(max_examples=count)
+    @given(makes=CROWDS, loss=LOSSES, latency_ticks=st.integers(0, 3), seed=SEEDS)
+    def keep_apart(makes: list[crowd.Make], loss: float, latency_ticks: int, seed: int) -> None:
+        nonlocal gone_m
+        declared = msgspec.structs.replace(DECLARED, latency_ticks=latency_ticks)
+        draw = random.Random(seed)
+        gap_m, way_m = crowd.least_gap_m(draw, makes, loss, declared=declared)
+        assert gap_m >= -ROUNDING_M
         gone_m += way_m
+
+    keep_apart()
     assert gone_m > 2.0 * count
 
 
@@ -73,7 +87,7 @@ def test_the_guard_decides_alike_compiled_and_plain(monkeypatch: pytest.MonkeyPa
                 assert one.tobytes() == np.asarray(other).tobytes()
 
     monkeypatch.setattr(pact, "admit", both)
-    crowd.least_gap_m(random.Random("alike"), 0.2)
+    crowd.least_gap_m(random.Random(2), [crowd.Make(0.2, 1.0, 2.0, 8.0)] * 3, 0.2)
     assert calls > 50
 
 
