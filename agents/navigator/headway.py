@@ -100,8 +100,10 @@ def give_up(
         return replace(state, closed_s=closed_s, forgot=forgot, best_m=best_m, best_s=best_s)
     if not failed and closed_s > CLOSED_S and state.forgot:
         failed = "enclosed"
-    if not failed and best_s > setup.navigator.give_up_s:
-        failed = "too-long"
+    if not failed and best_s > setup.navigator.give_up_s and not others:
+        failed = (
+            "too-long"  # among others one may be what closes the way: it says that it is blocked
+        )
     return replace(state, closed_s=closed_s, best_m=best_m, best_s=best_s, failed=failed)
 
 

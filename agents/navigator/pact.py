@@ -471,31 +471,40 @@ def admit(
 
     way = np.empty((ticks, 2))
     longer = np.empty((ticks, 2))
+    # From the corrected pose first; where that is nearer to a peer than may be nothing at all is
+    # admitted from there, and the robot goes on from where its wheels say that it is.
+    corrected = False
+    for column in range(4):
+        corrected = corrected or start[column] != body[column]
     last = parts.shape[0]
+    tries = 2 * last if corrected else last
     blamed = BY_NONE
-    for number in range(last + 1):
+    for number in range(tries + 1):
         # The last one stands for braking: it is what was announced, and taken come what may.
-        part = parts[number] if number < last else 0.0
-        if number < last:
+        part = parts[number % last] if number < tries else 0.0
+        if number < tries:
             v, w = reached(
                 body[4], body[5], part * asked_v_mps, asked_w_radps, change, most, half_track_m
             )
         else:
             v, w = slower(body[4], body[5], body[6], body[7])
+        corrects = number < last
         for column in range(4):
-            trial[column] = start[column] if number < last else body[column]
+            trial[column] = start[column] if corrects else body[column]
         trial[4], trial[5] = v, w
         announce.path(trial, dt_s, 0, way)
-        keep_m = keep(trial, start_doubts if number < last else body_doubts, dt_s)
+        keep_m = keep(trial, start_doubts if corrects else body_doubts, dt_s)
         more_m = keep_m - keeps_m[0]
-        if number < last:
+        if number < tries:
             by = refused_by_peers(way, body, own[0], more_m, peers, normals, bounds)
             if by == BY_NONE:
                 by = refused_by_sudden(way, sudden, touches2_m2)
             if by == BY_NONE and nears > 0:
-                if faster == 1.0:
+                if faster == 1.0 and corrects:
                     longer[:] = way
-                else:
+                else:  # obstacles are where they are seen from the corrected pose
+                    for column in range(4):
+                        trial[column] = start[column]
                     for column in range(4, announce.COLUMNS):
                         trial[column] *= faster
                     announce.path(trial, dt_s, 0, longer)
@@ -507,7 +516,7 @@ def admit(
                     blamed = by
                 continue
         result[0], result[1], result[2], result[3] = v, w, part, blamed
-        result[4] = 1.0 if number < last else 0.0
+        result[4] = 1.0 if corrects else 0.0
         break
 
     # What is surely free from now on.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from math import cos, sin
+from math import cos, pi, sin
 
 import msgspec
 import numpy as np
@@ -11,10 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.navigator import announce, brake, pact
-from swarm.geometry import Pose, Twist
+from agents import peers
+from agents.navigator import announce, brake, estimate, pact
+from swarm.geometry import STILL, Pose, Twist
+from swarm.messages import Beacon
 from swarm.run.bench.navigation.cases import NEUTRAL
-from swarm.scenario import Disturbance
+from swarm.scenario import Disturbance, Robot, Scenario
 from tests.agents.navigator import crowd
 from world import motion
 
@@ -145,3 +147,38 @@ def test_turns_without_the_sines_of_a_compiler(angle_rad: float) -> None:
     cosine, sine = announce.turn(angle_rad)
     assert abs(cosine - cos(angle_rad)) < 1e-12
     assert abs(sine - sin(angle_rad)) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("yaw_rad", "asked"), [(0.0, Twist(0.0, 2.0)), (-pi / 2.0, Twist(0.5, 0.0))]
+)
+def test_who_seems_too_near_all_at_once_may_still_turn_and_leave(
+    yaw_rad: float, asked: Twist
+) -> None:
+    """Noise that shows it nearer to a peer than was announced keeps it from coming nearer only."""
+    plan = Scenario(
+        title="jam", seed=0, dt_s=0.08, duration_s=60.0, disturbance=DECLARED,
+        robots=tuple(
+            [Robot(name=name, start=(0.0, y_m, 0.0), goal=(9.0, 0.0), controller="navigator")
+             for name, y_m in (("robot1", 0.0), ("robot2", 1.0))]
+        ),
+    )  # fmt: skip
+    mine, other = (plan.setup(row.name) for row in plan.robots)
+    doubt = estimate.Doubt(0.02, 0.02)
+    told, heard = (pact.promise(setup, STILL, doubt) for setup in (mine, other))
+    stands, beside = Pose(0.0, 0.0, yaw_rad), Pose(0.0, told.keep_m + heard.keep_m, 0.0)
+    own, peer = (
+        Beacon(name, 0, 0, pose, STILL, 0.2, 1.0, "GO", False, (0, 0, 0, 0), promise=promise)
+        for name, pose, promise in (("robot1", stands, told), ("robot2", beside, heard))
+    )
+    shown = msgspec.structs.replace(stands, y_m=0.01)
+    others = peers.now([peer], shown, 1, 0.08)
+    where = estimate.State(1, shown, doubt, stands, doubt)
+    _, held = pact.hold(
+        mine, pact.send(mine, pact.State(), own), 1, shown, STILL, asked, others, [],
+        crowd.NOTHING, where, stands,
+    )  # fmt: skip
+    assert held is not None
+    assert held.part == 1.0
+    assert held.set_point != STILL
+    assert held.corrects == (asked.speed_mps > 0.0)  # away by more than it seems too near
