@@ -274,6 +274,21 @@ class Guard(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     latency_s: NotNegative = 0.16  # two ticks
 
 
+# Stages that a navigator can do without, to see what each is good for.
+Stage = Literal[
+    "memory",  # it knows what it sees now, and nothing else
+    "way",  # straight to the target, whatever is in between
+    "speed",  # as fast as it can, whatever is beside its way
+    "movers",  # what moves is taken for standing where it is seen
+    "roundabout",
+    "gaps",  # no claims: who comes first goes first
+    "cells",  # the direction of the way, as if there were no peers
+    "forces",
+    "dodge",
+    "guard",  # nothing but its wheels limits what is asked for: bodies touch
+]
+
+
 class Navigator(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True, cache_hash=True):
     """The controller `navigator`: memory, way, forces, speed, guard."""
 
@@ -295,6 +310,7 @@ class Navigator(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True, ca
     barrier_m: Annotated[float, Meta(gt=0.015, le=5.0)] = 0.08  # nearer, nothing pulls inwards
     guard_margin_m: NotNegative = 0.03
     give_up_s: Positive = 150.0  # without coming nearer to the goal; then FAILED
+    without: tuple[Stage, ...] = ()
 
     def __post_init__(self) -> None:
         if self.window_m > 500.0 * self.cell_m:

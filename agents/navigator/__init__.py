@@ -55,8 +55,8 @@ from agents.navigator.state import (
     obstacles,
     pass_waypoints,
     redirect,
+    standing,
     target_of,
-    without,
 )
 from agents.peers import Peer
 from agents.steering import Wish
@@ -150,10 +150,9 @@ def watch(
     A peer that is heard for the first time, or again, was seen as an obstacle before: where it
     stands there is none.
     """
-    before, now = (
-        state.movers,
-        movers.step(setup, state.movers, seen, map.ranges_m, others, elapsed_s),
-    )
+    before = now = state.movers
+    if "movers" not in setup.navigator.without:
+        now = movers.step(setup, before, seen, map.ranges_m, others, elapsed_s)
     known, gone = state.memory, movers.trail(before, now)
     heard = tuple([peer.beacon.name for peer in others])
     if heard != state.heard:
@@ -162,7 +161,7 @@ def watch(
     if known is not None and len(gone):
         known = memory.cleared(law(setup.navigator, setup.robot.body_radius_m), known, gone)
     state = msgspec.structs.replace(state, movers=now, memory=known, heard=heard)
-    return state, without(state, seen, map)
+    return state, standing(state, seen, map)
 
 
 def bodies_of(others: Sequence[Peer], setup: RobotSetup) -> Floats:
@@ -201,6 +200,9 @@ def look(
     # 1. Remember.
     known = state.memory or memory.empty(rules, pose)
     known = memory.shifted(rules, known, pose)
+    without = setup.navigator.without
+    if "memory" in without:
+        known = memory.empty(rules, pose, known.version + 1)
     if not is_there:
         state, known = headway.doubt(setup, rules, state, known, frame, others, elapsed_s)
     known, field_mm = memory.observe(rules, known, seen.pose, seen.ranges_m(), map.ranges_m)
@@ -216,14 +218,17 @@ def look(
     look_m = setup.navigator.look_m + setup.navigator.look_s * abs(frame.twist.speed_mps)
     factor = setup.navigator.chord_factor
     subgoal, index = way.subgoal(rules, found, known, field_mm, pose, look_m, factor)
-    speed_mps = speed.cap(
-        setup, rules, found, known, field_mm, pose, frame.twist.speed_mps, subgoal, index
-    )
-    open_mps = setup.robot.speed_mps_max
+    if "way" in without:
+        subgoal = target
+    open_mps = speed_mps = setup.robot.speed_mps_max
+    if "speed" not in without and "way" not in without:
+        speed_mps = speed.cap(
+            setup, rules, found, known, field_mm, pose, frame.twist.speed_mps, subgoal, index
+        )
     if is_last:
         open_mps = min(open_mps, speed.at_goal(setup, goal_m))
     speed_mps = min(speed_mps, open_mps)
-    if not found.path:
+    if not found.path and "way" not in without:
         speed_mps = open_mps = 0.0
     x_m, y_m = subgoal[0] - pose.x_m, subgoal[1] - pose.y_m
     direction_rad = pose.yaw_rad if (x_m, y_m) == (0.0, 0.0) else atan2(y_m, x_m)

@@ -13,7 +13,7 @@ from agents.navigator.state import State
 from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import Floats
-from swarm.messages import Intent, Mode, SensorFrame
+from swarm.messages import Forces, Intent, Mode, SensorFrame
 from swarm.scenario import RobotSetup
 
 TURN_BRAKES_SHARE = 0.7
@@ -40,7 +40,7 @@ def choose(
     """World direction and speed of the cheapest cell in time; alone, those of the way."""
     robot = setup.robot
     choice = cells.Choice(course.direction_rad, course.speed_mps, False)
-    if len(rows):
+    if len(rows) and "cells" not in setup.navigator.without:
         slow_mps = robot.speed_mps_max
         if aim.is_last and aim.distance_m < NEAR_GOAL_M and not state.parked:
             slow_mps = max(course.speed_mps, NEAR_GOAL_MPS)
@@ -87,7 +87,10 @@ def ask(
 ) -> tuple[State, Wish]:
     """Forces along and across that direction, and what to ask of the motors."""
     navigator, robot = setup.navigator, setup.robot
-    total = forces.add_up(setup, geometry.unit(choice.direction_rad), points_m)
+    pull = geometry.unit(choice.direction_rad)
+    total = Forces(pull, resultant=pull)
+    if "forces" not in navigator.without:
+        total = forces.add_up(setup, pull, points_m)
     x, y = total.resultant
     error_rad = geometry.wrap_angle(atan2(y, x) - frame.pose.yaw_rad)
     sense = state.turn_sense

@@ -10,7 +10,7 @@ import msgspec
 from agents import lateness, msam, peers, steering
 from agents.guard import Limit, share
 from agents.navigator import brake, dodge, estimate, movers, pact, predict
-from agents.navigator.state import State, obstacles, without
+from agents.navigator.state import State, obstacles, standing
 from agents.peers import Peer
 from swarm import geometry
 from swarm.geometry import Twist
@@ -32,12 +32,15 @@ def hold(
     Args:
         others: peers whose bodies are not on the map.
     """
+    if "guard" in setup.navigator.without:
+        within = steering.scale_to_rims(setup.robot, asked)
+        return state, within, Limit(setup.robot.speed_mps_max, "")
     frame = predict.ahead(setup, late, seen)
-    map = without(state, seen, map)
+    map = standing(state, seen, map)
     moving = movers.ahead(
         state.movers, frame.pose.x_m, frame.pose.y_m, late.late_ticks * setup.dt_s
     )
-    if len(moving):
+    if len(moving) and "dodge" not in setup.navigator.without:
         far_m = obstacles(setup, state, seen, frame, map, dodge.reach_m(setup))
         heading = geometry.unit(frame.pose.yaw_rad)
         asked = dodge.ask(setup, heading, frame.twist, asked, moving, far_m)

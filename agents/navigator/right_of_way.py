@@ -79,19 +79,21 @@ def step(
     speed_mps = aim.open_mps if len(peers) else aim.speed_mps
     if parked:
         return State(), Course(direction_rad, 0.0, target, False)
-    gap, rule = gaps.step(
-        state.gap,
-        robot.name,
-        frame.tick,
-        position,
-        target,
-        robot.body_radius_m,
-        robot.speed_mps_max,
-        others,
-        peers,
-        points,
-        path,
-    )
+    gap, rule = state.gap, None
+    if "gaps" not in setup.navigator.without:
+        gap, rule = gaps.step(
+            gap,
+            robot.name,
+            frame.tick,
+            position,
+            target,
+            robot.body_radius_m,
+            robot.speed_mps_max,
+            others,
+            peers,
+            points,
+            path,
+        )
     yields_to = None
     waits = holds = False
     own = True
@@ -118,7 +120,11 @@ def step(
     circle, round_ = state.roundabout, False
     if stuck_.escape_s > 0.0:
         direction_rad, own = wrap_angle(direction_rad + stuck_.turn_rad()), False
-    elif free and speed_mps > roundabout.SPEED_MIN * robot.speed_mps_max:
+    elif (
+        free
+        and speed_mps > roundabout.SPEED_MIN * robot.speed_mps_max
+        and "roundabout" not in setup.navigator.without
+    ):
         circle, turned_rad = roundabout.step(
             circle,
             position,

@@ -92,7 +92,7 @@ def target_of(setup: RobotSetup, state: State) -> tuple[Vec2, bool]:
     return setup.robot.goal, True
 
 
-def without(state: State, seen: SensorFrame, map: msam.Map) -> msam.Map:
+def standing(state: State, seen: SensorFrame, map: msam.Map) -> msam.Map:
     """The map of this tick without what moves."""
     ranges_m = state.movers.without(map.ranges_m, seen.tick)
     return map if ranges_m is map.ranges_m else msgspec.structs.replace(map, ranges_m=ranges_m)

@@ -5,6 +5,7 @@ Whether robots arrive is what it measures, so no test here asks for it.
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import re
@@ -12,6 +13,7 @@ import signal
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 import numpy as np
@@ -39,7 +41,7 @@ from swarm.run.bench.navigation import (
 from swarm.run.bench.navigation import data as public
 from swarm.run.bench.navigation.cases import Case, Group
 from swarm.run.bench.navigation.course import Job, Run
-from swarm.scenario import Scenario
+from swarm.scenario import Scenario, Stage
 from world import scene, simulation
 
 END_S = 30.0
@@ -538,6 +540,29 @@ def test_a_crash_is_reported_and_fails_the_bench(
     assert result.returncode == 1
     assert "CRASHED: 1 runs" in result.stdout
     assert "pairs lanes 0 paper: crashed, 0 of 6 arrived, ValueError: no way" in result.stdout
+
+
+@functools.cache
+def hashes_without(*stages: Stage) -> tuple[str, ...]:
+    """Of platoons at a door, and of one robot alone among what stands and what drives about."""
+    found = []
+    for case in (encounters.door(0), moving.field(12, 0), moving.field(40, 0)):
+        short = cases.without(cases.shortened(case, 8.0), stages)
+        found.append(course.drive(cases.under(short, "navigator")).score.hash.hexdigest())
+    return tuple(found)
+
+
+@pytest.mark.parametrize("stage", get_args(Stage))
+def test_each_stage_can_be_left_out_and_is_missed(stage: Stage) -> None:
+    assert hashes_without(stage) != hashes_without()
+
+
+def test_stages_to_leave_out_are_named(folder: Path) -> None:
+    found = navigation.plan(folder=folder, families="traps", without="way,memory")
+    (group, *_) = found.groups
+    assert found.case(group, 0).scenario.navigator.without == ("memory", "way")
+    with pytest.raises(errors.UsageError, match="--without: expected some of memory, way"):
+        navigation.plan(folder=folder, without="memroy")
 
 
 def test_peers_and_expectations_name_groups_that_exist(folder: Path) -> None:

@@ -38,6 +38,14 @@ def bench(
     seeds: Annotated[
         str | None, Option(metavar="A-B", help="navigation: which instances of each family.")
     ] = None,
+    without: Annotated[
+        str | None,
+        Option(
+            metavar="A,B",
+            help="navigation: stages of the navigator left out: memory, way, "
+            "speed, movers, roundabout, gaps, cells, forces, dodge, guard.",
+        ),
+    ] = None,
     data: Annotated[
         Path | None, Option(metavar="DIR", help="navigation: where public benchmark data is.")
     ] = None,
@@ -55,18 +63,21 @@ def bench(
 
     Example:  swarm bench navigation --families pairs,traps
 
+    Example:  swarm bench navigation --families pairs,traps --without memory
+
     Example:  swarm bench navigation --families disturbed --sizes 16,0.215m --seeds 0-9
     """
     from swarm.run import bench as benchmarks
 
     if names == [benchmarks.NAVIGATION]:
-        _bench_navigation(families, sizes, controllers, seeds, data, out, tiny, as_json)
+        _bench_navigation(families, sizes, controllers, seeds, without, data, out, tiny, as_json)
         return
     for flag, value in (
         ("--families", families),
         ("--sizes", sizes),
         ("--controllers", controllers),
         ("--seeds", seeds),
+        ("--without", without),
         ("--data", data),
         ("--out", out),
     ):
@@ -89,6 +100,7 @@ def _bench_navigation(
     sizes: str | None,
     controllers: str | None,
     seeds: str | None,
+    without: str | None,
     data: Path | None,
     out: Path | None,
     tiny: bool,
@@ -104,6 +116,7 @@ def _bench_navigation(
         sizes=sizes,
         controllers=controllers,
         seeds=seeds,
+        without=without,
         folder=folder,
         tiny=tiny,
     )

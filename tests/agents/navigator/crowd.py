@@ -117,7 +117,10 @@ def least_gap_m(
                 link = (row, speaker)
                 if speaker == row:
                     continue
-                if lost.get(link, 0) < LOSSES_MAX and draw.random() < loss:
+                # All hear where the others stand at first: who was never heard is an obstacle, or
+                # moves, and is none of the guard between robots.
+                is_first = beacon.tick == 0
+                if not is_first and lost.get(link, 0) < LOSSES_MAX and draw.random() < loss:
                     lost[link] = lost.get(link, 0) + 1
                 else:
                     lost[link] = 0

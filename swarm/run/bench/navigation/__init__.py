@@ -50,8 +50,10 @@ from swarm.run.bench.navigation import rows as results
 from swarm.run.bench.navigation.cases import Case, Controller, Group
 from swarm.run.bench.navigation.course import Job, Run
 from swarm.run.bench.navigation.rows import Navigation, Worst
+from swarm.scenario import Stage
 
 CONTROLLERS: tuple[Controller, ...] = get_args(Controller)
+STAGES: tuple[Stage, ...] = get_args(Stage)
 FAMILIES = (
     *("circle-swap", "pairs", "random", "door", "corridor"),
     *("traps", "paper-fields", "paper-u", "paper-walls", "moving"),
@@ -83,6 +85,7 @@ class Plan(msgspec.Struct, frozen=True):
     controllers: tuple[Controller, ...]
     tiny: bool
     skipped: tuple[str, ...]
+    without: tuple[Stage, ...] = ()  # of the navigator
 
     def jobs(self) -> Iterator[Job]:
         """Every run; a case is made when its turn comes."""
@@ -94,7 +97,7 @@ class Plan(msgspec.Struct, frozen=True):
 
     def case(self, group: Group, number: int) -> Case:
         """One instance, as it is run here."""
-        case = group.make(number)
+        case = cases.without(group.make(number), self.without)
         return cases.shortened(case, TINY_DURATION_S) if self.tiny else case
 
     @property
@@ -109,15 +112,19 @@ def plan(
     sizes: str | None = None,
     controllers: str | None = None,
     seeds: str | None = None,
+    without: str | None = None,
     folder: Path = DATA,
     tiny: bool = False,
 ) -> Plan:
     """What the command line asks for; lists are joined by commas, seeds are `A-B` or one number.
 
+    `without` names stages that the navigator is to do without.
+
     Raises UsageError for an unknown name, a range that is none, a damaged data file.
     """
     wanted = _families(families, tiny=tiny)
     minds = _chosen("--controllers", controllers, CONTROLLERS)
+    left_out = () if without is None else _chosen("--without", without, STAGES)
     from_data, skipped = data.groups(folder)
     every = (*encounters.groups(), *obstacles.groups(), *moving.groups(), *from_data)
     every = (*every, *disturbed.groups(every), *stops.groups(every))
@@ -144,6 +151,7 @@ def plan(
         numbers=numbers,
         controllers=tuple(mind for mind in CONTROLLERS if mind in minds),
         tiny=tiny,
+        without=tuple(stage for stage in STAGES if stage in left_out),
         skipped=tuple(
             line for line in skipped if any(name.startswith(line.split(":")[0]) for name in wanted)
         ),

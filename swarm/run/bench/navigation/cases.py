@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from swarm import geometry
-from swarm.scenario import Obstacle, Point, RandomObstacles, Robot, RobotParameters, Scenario
+from swarm.scenario import Obstacle, Point, RandomObstacles, Robot, RobotParameters, Scenario, Stage
 
 Controller = Literal["paper", "extended", "navigator"]
 
@@ -114,6 +114,15 @@ def under(case: Case, controller: Controller) -> Scenario:
         robots=tuple(
             msgspec.structs.replace(robot, controller=controller) for robot in case.scenario.robots
         ),
+    )
+
+
+def without(case: Case, stages: tuple[Stage, ...]) -> Case:
+    """The same for a navigator that lacks some stages: what are they good for?"""
+    scenario = case.scenario
+    navigator = msgspec.structs.replace(scenario.navigator, without=stages)
+    return msgspec.structs.replace(
+        case, scenario=msgspec.structs.replace(scenario, navigator=navigator)
     )
 
 
