@@ -101,7 +101,7 @@ def step(
     if ring_m > LARGE_M:
         ring_m = radius(bearings, spacing_m + RING_LARGE_M - RING_M)
     if len(bearings) > 1:  # else nobody is in the way any more: the ring may be left
-        if 0.0 < state.ring_m <= LARGE_M:
+        if state.ring_m > 0.0 and max(state.ring_m, ring_m) <= LARGE_M:
             ring_m = state.ring_m + FOLLOW_RING * (ring_m - state.ring_m)
         state = msgspec.structs.replace(state, ring_m=ring_m)
     centre_rad = atan2(y_m, x_m)
