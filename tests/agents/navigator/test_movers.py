@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents import robot
-from agents.navigator import brake, dodge, memory, movers
+from agents.navigator import brake, dodge, memory, movers, segments, tracks
 from agents.navigator.law import law
 from swarm import geometry
 from swarm.geometry import STILL, Pose, Twist
@@ -92,9 +92,9 @@ def test_the_velocity_of_what_moves_is_known(
         return
     assert len(moving) == 1
     (row,) = moving
-    assert geometry.length(row[movers.X] - x_m, row[movers.Y] - y_m) < 0.1
-    assert geometry.length(row[movers.V_X] - v_x, row[movers.V_Y] - v_y) < 0.25
-    assert abs(row[movers.RADIUS] - 0.25) < 0.08
+    assert geometry.length(row[tracks.X] - x_m, row[tracks.Y] - y_m) < 0.1
+    assert geometry.length(row[tracks.V_X] - v_x, row[tracks.V_Y] - v_y) < 0.25
+    assert abs(row[tracks.RADIUS] - 0.25) < 0.08
 
 
 @settings(max_examples=15)
@@ -121,9 +121,9 @@ def test_what_has_turned_back_is_known_to_do_so_within_some_ticks() -> None:
         frame = scenes.frame("robot1", tick, ranges_m=ranges_m)
         state = movers.step(setup, state, frame, ranges_m, (), scenes.DT_S)
         if tick == 19:
-            assert state.moving()[0, movers.V_Y] == pytest.approx(0.8, abs=0.1)
+            assert state.moving()[0, tracks.V_Y] == pytest.approx(0.8, abs=0.1)
         if tick == 24:
-            assert state.moving()[0, movers.V_Y] == pytest.approx(-0.8, abs=0.25)
+            assert state.moving()[0, tracks.V_Y] == pytest.approx(-0.8, abs=0.25)
     # its hits are not on the map, and only those
     assert np.isinf(state.without(ranges_m, 29)).all()
     assert np.isfinite(state.without(ranges_m, 30)).any()
@@ -227,18 +227,18 @@ def test_compiled_loops_decide_as_the_plain_ones() -> None:
     raw_m = np.minimum(hits_m, scenes.RANGE_M)
     place = (0.05, 0.02, 0.8, 0.6)
     looks = (raw_m, hits_m, rays.units, *place, 0.9999, 0.0145, np.array([(9.0, 9.0, 0.5)]))
-    found = movers.segments(*looks, 0.0, 5.0)
-    same(found, plain(movers.segments)(*looks, 0.0, 5.0))
+    found = segments.segments(*looks, 0.0, 5.0)
+    same(found, plain(segments.segments)(*looks, 0.0, 5.0))
     assert len(found) > 1
     old = state.scans[-1]
     follows = (
         *(state.rows(), found, raw_m, rays.units, rays.bounds, *place, 0.029, 0.08, 0.01),
         *(np.frombuffer(old.ranges), np.array((old.x_m, old.y_m, old.ahead, old.aside))),
     )
-    tracks = movers.follow(*follows)
-    same(tracks, plain(movers.follow)(*follows))
-    hides = (tracks, hits_m, rays.units, *place, 0.01)
-    same(movers.hide(*hides), plain(movers.hide)(*hides))
+    known = tracks.follow(*follows)
+    same(known, plain(tracks.follow)(*follows))
+    hides = (known, hits_m, rays.units, *place, 0.01)
+    same(tracks.hide(*hides), plain(tracks.hide)(*hides))
     moving = np.array([(1.2, 0.3, -0.8, 0.0, 0.47), (0.9, -0.5, 0.1, 0.3, 0.47)])
     results = []
     for choose in (dodge.choose, plain(dodge.choose)):
