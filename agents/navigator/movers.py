@@ -15,11 +15,13 @@ import msgspec
 import numpy as np
 
 from agents.navigator import memory, table
+from agents.navigator.arcs import locate
 from agents.navigator.compiled import compiled
 from agents.navigator.segments import segments
 from agents.navigator.tracks import (
     COLUMNS,
     COUNT,
+    FIT_COLUMNS,
     GATE_M,
     HIDE_M,
     MISSED,
@@ -250,8 +252,18 @@ def watch(
         seen = float(seen_m[beam])
         raw_m[beam] = clear_m if seen > clear_m else seen
         far_m[beam] = float(hits_m[beam])
+    fits = np.zeros((len(tracks), FIT_COLUMNS))
+    left_m = far_m
+    for index in range(len(tracks)):
+        if tracks[index, MOVES] > 0.0:
+            owners = np.empty(beams, dtype=np.int64)
+            fits = locate(
+                tracks, raw_m, far_m, units, x_m, y_m, ahead, aside, elapsed_s, unsure_m, owners
+            )
+            left_m = np.where(owners < 0, far_m, np.inf)
+            break
     found = segments(
-        raw_m, far_m, units, x_m, y_m, ahead, aside, cosine, sine, bodies, unsure_m, range_m
+        raw_m, left_m, units, x_m, y_m, ahead, aside, cosine, sine, bodies, unsure_m, range_m
     )
     # The old scan tells something of segments only.
     before_m = np.empty(len(old_m) if len(found) > 0 else 0)
@@ -259,7 +271,7 @@ def watch(
         seen = float(old_m[beam])
         before_m[beam] = clear_m if seen > clear_m else seen
     result = follow(
-        tracks, found, raw_m, units, bounds, x_m, y_m, ahead, aside, 2.0 * sine, elapsed_s,
+        tracks, fits, found, raw_m, units, bounds, x_m, y_m, ahead, aside, 2.0 * sine, elapsed_s,
         unsure_m, before_m, np.array((old_x, old_y, old_ahead, old_aside)),
     )  # fmt: skip
     moves = 0

@@ -25,6 +25,9 @@ Flags = npt.NDArray[np.bool_]
 X, Y, V_X, V_Y, RADIUS, COUNT, MISSED, MOVES, EVIDENCE, STRIKES = range(10)
 PLACES, WINDOW = 10, 10
 COLUMNS = PLACES + 3 * WINDOW
+# Columns of a fit: centre, world; radius; how many hits lie on it, 0: it is not seen.
+PLACE_X, PLACE_Y, ROUND, HITS = range(4)
+FIT_COLUMNS = 4
 TRACKS_MAX = 40
 
 GATE_M = 0.3  # a segment belongs to a track expected within this
@@ -46,6 +49,7 @@ HIDE_M = 0.12  # hits this near to what moves are its own
 @compiled
 def follow(
     tracks: Floats,
+    fits: Floats,
     found: Floats,
     raw_m: Floats,
     units: Floats,
@@ -63,6 +67,7 @@ def follow(
     """Tracks after a scan with these segments.
 
     Args:
+        fits: (tracks, ...) as `arcs` has them: where those are that move.
         old_m: (beams,) scan of before, perhaps empty; old_pose: (4,) x, y, cosine, sine.
     """
     known = len(tracks)
@@ -70,6 +75,17 @@ def follow(
     taken = np.zeros(known, dtype=np.bool_)
     count = 0
     beams = len(raw_m)
+    for index in range(known):
+        if fits[index, HITS] == 0.0:
+            continue
+        taken[index] = True
+        track = result[count]
+        count += 1
+        track[:] = tracks[index]
+        track[RADIUS] = fits[index, ROUND]
+        at_x, at_y = fits[index, PLACE_X], fits[index, PLACE_Y]
+        away_m = np.sqrt((at_x - x_m) * (at_x - x_m) + (at_y - y_m) * (at_y - y_m))
+        put(track, at_x, at_y, away_m, 0.0, elapsed_s, unsure_m)
     for number in range(len(found)):
         segment = found[number]
         seen_x = x_m + (segment[RANGE] + segment[SIZE]) * segment[DIRECTION_X]
@@ -96,44 +112,16 @@ def follow(
             track[:] = tracks[best]
             weight = 1.0 / min(track[COUNT] + 1.0, 2.0 * WINDOW)
             radius_m = track[RADIUS] + weight * (segment[SIZE] - track[RADIUS])
-            kept = min(int(track[COUNT]), WINDOW - 1)
-            for place in range(kept, 0, -1):
-                to, at = PLACES + 3 * place, PLACES + 3 * (place - 1)
-                track[to] = track[at] + elapsed_s
-                track[to + 1], track[to + 2] = track[at + 1], track[at + 2]
-            track[COUNT] = kept + 1
-        else:
-            track[COUNT] = 1
         track[RADIUS] = radius_m
-        track[MISSED] = 0.0
         # The nearest hit is sure, how far behind it the centre lies is as sure as the radius.
         away_m = segment[RANGE] + radius_m
         at_x, at_y = x_m + away_m * segment[DIRECTION_X], y_m + away_m * segment[DIRECTION_Y]
-        track[PLACES], track[PLACES + 1], track[PLACES + 2] = 0.0, at_x, at_y
-        if best >= 0 and track[COUNT] > COUNT_MIN:
-            dx = track[X] + elapsed_s * track[V_X] - at_x
-            dy = track[Y] + elapsed_s * track[V_Y] - at_y
-            is_near = away_m < NEAR_M and unsure_m == 0.0 and track[MOVES] > 0.0
-            off_m = (STRIKE_NEAR_M if is_near else STRIKE_M) + unsure_m + 0.6 * beam_rad * away_m
-            track[STRIKES] = track[STRIKES] + 1.0 if dx * dx + dy * dy > off_m * off_m else 0.0
-            if is_near and track[STRIKES] > 0.0:
-                track[COUNT] = FRESH - 1
-            elif track[STRIKES] >= STRIKES_MAX:
-                track[STRIKES] = 0.0
-                track[COUNT] = FRESH
+        per = put(track, at_x, at_y, away_m, 0.6 * beam_rad * away_m, elapsed_s, unsure_m)
         places = int(track[COUNT])
-        if places < 2:
-            track[X], track[Y], track[V_X], track[V_Y] = at_x, at_y, 0.0, 0.0
+        if places < 2 or track[MOVES] > 0.0:
             continue
-        track[X], track[Y], v_x, v_y, per = line(track, places)
-        if places < FRESH and track[MOVES] == 0.0:
-            track[X], track[Y], v_x, v_y = at_x, at_y, 0.0, 0.0
-        track[V_X], track[V_Y] = v_x, v_y
+        v_x, v_y = track[V_X], track[V_Y]
         speed_mps = np.sqrt(v_x * v_x + v_y * v_y)
-        if track[MOVES] > 0.0:
-            if places == WINDOW and speed_mps < STILL_MPS:
-                track[MOVES] = track[EVIDENCE] = 0.0
-            continue
         if len(old_m) == 0:
             continue
         beyond_m = FREE_M + unsure_m
@@ -182,6 +170,55 @@ def follow(
         for place in range(int(track[COUNT])):
             track[PLACES + 3 * place] += elapsed_s
     return result[: min(count, TRACKS_MAX)]
+
+
+@compiled
+def put(
+    track: Floats,
+    at_x: float,
+    at_y: float,
+    away_m: float,
+    blur_m: float,
+    elapsed_s: float,
+    unsure_m: float,
+) -> float:
+    """Put a body at its newest place, give it the velocity; 1 / sum of squares, as `line` has it.
+
+    Args:
+        track: in place; without places when it is new.
+        away_m: from the robot; blur_m: by which places differ without any motion.
+    """
+    kept = min(int(track[COUNT]), WINDOW - 1)
+    for place in range(kept, 0, -1):
+        to, at = PLACES + 3 * place, PLACES + 3 * (place - 1)
+        track[to] = track[at] + elapsed_s
+        track[to + 1], track[to + 2] = track[at + 1], track[at + 2]
+    track[COUNT] = kept + 1
+    track[MISSED] = 0.0
+    track[PLACES], track[PLACES + 1], track[PLACES + 2] = 0.0, at_x, at_y
+    if track[COUNT] > COUNT_MIN:
+        dx = track[X] + elapsed_s * track[V_X] - at_x
+        dy = track[Y] + elapsed_s * track[V_Y] - at_y
+        is_near = away_m < NEAR_M and unsure_m == 0.0 and track[MOVES] > 0.0
+        off_m = (STRIKE_NEAR_M if is_near else STRIKE_M) + unsure_m + blur_m
+        track[STRIKES] = track[STRIKES] + 1.0 if dx * dx + dy * dy > off_m * off_m else 0.0
+        if is_near and track[STRIKES] > 0.0:
+            track[COUNT] = FRESH - 1
+        elif track[STRIKES] >= STRIKES_MAX:
+            track[STRIKES] = 0.0
+            track[COUNT] = FRESH
+    places = int(track[COUNT])
+    if places < 2:
+        track[X], track[Y], track[V_X], track[V_Y] = at_x, at_y, 0.0, 0.0
+        return np.inf
+    track[X], track[Y], v_x, v_y, per = line(track, places)
+    if places < FRESH and track[MOVES] == 0.0:
+        track[X], track[Y], v_x, v_y = at_x, at_y, 0.0, 0.0
+    track[V_X], track[V_Y] = v_x, v_y
+    stands = v_x * v_x + v_y * v_y < STILL_MPS * STILL_MPS
+    if track[MOVES] > 0.0 and places == WINDOW and stands:
+        track[MOVES] = track[EVIDENCE] = 0.0
+    return per
 
 
 @compiled
