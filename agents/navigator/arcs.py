@@ -41,6 +41,10 @@ EXPECTED_M, RADIUS_OFF_M, HIT_M = 0.05, 0.02, 0.004
 RADIUS_HITS, RADIUS_WEIGHT = 5, 0.1  # hits that tell something of the radius, and how much
 THROUGH_SHARE, THROUGH_MAX = 0.7, 2  # so many beams through this part of it: it is not there
 
+# Sums over a circle's hits: of products of their directions from its centre, of how far off it.
+XX, XY, YY, X1, Y1, ONES, X_OFF, Y_OFF, OFF = range(9)
+SUMS = 9
+
 
 @compiled
 def locate(
@@ -61,127 +65,135 @@ def locate(
     Args:
         raw_m: (beams,) all hits; hits_m: those of obstacles.
     """
-    known, beams = len(tracks), len(hits_m)
+    known = len(tracks)
     fits = np.zeros((known, FIT_COLUMNS))
-    owners[:] = -1
     for index in range(known):
-        fits[index, PLACE_X] = tracks[index, X] + elapsed_s * tracks[index, V_X]
-        fits[index, PLACE_Y] = tracks[index, Y] + elapsed_s * tracks[index, V_Y]
+        fits[index, PLACE_X] = tracks[index, X] + elapsed_s * tracks[index, V_X] - x_m
+        fits[index, PLACE_Y] = tracks[index, Y] + elapsed_s * tracks[index, V_Y] - y_m
         fits[index, ROUND] = tracks[index, RADIUS]
-    # Hits near to any, from the robot, world axes.
-    some = np.empty((beams, 2))
-    some_of = np.empty(beams, dtype=np.int64)
+    owners[:] = -1
+    near, beams = _near(tracks, fits, hits_m, units, ahead, aside)
+    if len(near) > 0:
+        expected = fits.copy()
+        sums = np.empty((known, SUMS))
+        hit2_m2 = (HIT_M + unsure_m / 3.0) * (HIT_M + unsure_m / 3.0)
+        for gate_m in GATES_M:
+            _add_up(tracks, fits, near, gate_m + unsure_m, sums)
+            _shift(fits, expected, sums, hit2_m2 / (EXPECTED_M * EXPECTED_M))
+        for number in range(len(near)):
+            owner, _ = _owner(tracks, fits, near[number, 0], near[number, 1], OWN_M + unsure_m)
+            owners[beams[number]] = owner
+            if owner >= 0:
+                fits[owner, HITS] += 1.0
+        for index in range(known):
+            dx = fits[index, PLACE_X] - expected[index, PLACE_X]
+            dy = fits[index, PLACE_Y] - expected[index, PLACE_Y]
+            seen = fits[index, HITS] >= HITS_MIN and dx * dx + dy * dy < GATE_M * GATE_M
+            if not seen or _seen_through(fits[index], raw_m, units, ahead, aside):
+                fits[index, HITS] = 0.0
+                for number in range(len(near)):
+                    if owners[beams[number]] == index:
+                        owners[beams[number]] = -1
+        _grow(fits, sums, hit2_m2)
+    for index in range(known):
+        fits[index, PLACE_X] += x_m
+        fits[index, PLACE_Y] += y_m
+    return fits
+
+
+@compiled
+def _near(
+    tracks: Floats, fits: Floats, hits_m: Floats, units: Floats, ahead: float, aside: float
+) -> tuple[Floats, Owners]:
+    """(hits, 2) m, from the robot, world axes: those near to anything that moves; their beams."""
+    near = np.empty((len(hits_m), 2))
+    beams = np.empty(len(hits_m), dtype=np.int64)
     count = 0
-    for beam in range(beams):
+    for beam in range(len(hits_m)):
         if not hits_m[beam] < 1e6:
             continue
         at_x = hits_m[beam] * (ahead * units[beam, 0] - aside * units[beam, 1])
         at_y = hits_m[beam] * (aside * units[beam, 0] + ahead * units[beam, 1])
-        for index in range(known):
-            if tracks[index, MOVES] > 0.0:
-                dx, dy = at_x + x_m - fits[index, PLACE_X], at_y + y_m - fits[index, PLACE_Y]
-                reach_m = fits[index, ROUND] + GATE_M
-                if dx * dx + dy * dy < reach_m * reach_m:
-                    some[count, 0], some[count, 1] = at_x, at_y
-                    some_of[count] = beam
-                    count += 1
-                    break
-    if count == 0:
-        return fits
-    hit2_m2 = (HIT_M + unsure_m / 3.0) * (HIT_M + unsure_m / 3.0)
-    prior = hit2_m2 / (EXPECTED_M * EXPECTED_M)
-    first = fits.copy()
-    sums = np.empty((known, 9))
-    for gate_m in GATES_M:
-        sums[:] = 0.0
-        for number in range(count):
-            owner, off_m = _owner(
-                tracks, fits, some[number, 0], some[number, 1], x_m, y_m, gate_m + unsure_m
-            )
-            if owner < 0:
-                continue
-            dx = some[number, 0] + x_m - fits[owner, PLACE_X]
-            dy = some[number, 1] + y_m - fits[owner, PLACE_Y]
-            apart_m = off_m + fits[owner, ROUND]
-            dx, dy = dx / apart_m, dy / apart_m
-            sums[owner, 0] += dx * dx
-            sums[owner, 1] += dx * dy
-            sums[owner, 2] += dy * dy
-            sums[owner, 3] += dx * off_m
-            sums[owner, 4] += dy * off_m
-            sums[owner, HITS_SUM] += 1.0
-            sums[owner, 6] += dx
-            sums[owner, 7] += dy
-            sums[owner, 8] += off_m
-        for index in range(known):
-            if sums[index, HITS_SUM] == 0.0:
-                continue
-            a, b, c = sums[index, 0] + prior, sums[index, 1], sums[index, 2] + prior
-            to_x = sums[index, 3] + prior * (first[index, PLACE_X] - fits[index, PLACE_X])
-            to_y = sums[index, 4] + prior * (first[index, PLACE_Y] - fits[index, PLACE_Y])
-            determinant = a * c - b * b
-            fits[index, PLACE_X] += (c * to_x - b * to_y) / determinant
-            fits[index, PLACE_Y] += (a * to_y - b * to_x) / determinant
-    # Whose is what in the end?
-    for number in range(count):
-        owner, _ = _owner(
-            tracks, fits, some[number, 0], some[number, 1], x_m, y_m, OWN_M + unsure_m
-        )
-        owners[some_of[number]] = owner
-        if owner >= 0:
-            fits[owner, HITS] += 1.0
-    for index in range(known):
-        dx = fits[index, PLACE_X] - first[index, PLACE_X]
-        dy = fits[index, PLACE_Y] - first[index, PLACE_Y]
-        seen = fits[index, HITS] >= HITS_MIN and dx * dx + dy * dy < GATE_M * GATE_M
-        if seen and _seen_through(fits[index], raw_m, units, x_m, y_m, ahead, aside):
-            seen = False
-        if seen:
+        for index in range(len(fits)):
+            dx, dy = at_x - fits[index, PLACE_X], at_y - fits[index, PLACE_Y]
+            reach_m = fits[index, ROUND] + GATE_M
+            if tracks[index, MOVES] > 0.0 and dx * dx + dy * dy < reach_m * reach_m:
+                near[count, 0], near[count, 1] = at_x, at_y
+                beams[count] = beam
+                count += 1
+                break
+    return near[:count], beams[:count]
+
+
+@compiled
+def _add_up(tracks: Floats, fits: Floats, near: Floats, gate_m: float, sums: Floats) -> None:
+    """Normal equations of each circle's own hits, into `sums`."""
+    sums[:] = 0.0
+    for number in range(len(near)):
+        owner, off_m = _owner(tracks, fits, near[number, 0], near[number, 1], gate_m)
+        if owner < 0:
             continue
-        fits[index, HITS] = 0.0
-        for number in range(count):
-            if owners[some_of[number]] == index:
-                owners[some_of[number]] = -1
-    # The radius too, little by little.
-    prior_radius = hit2_m2 / (RADIUS_OFF_M * RADIUS_OFF_M)
-    for index in range(known):
+        apart_m = off_m + fits[owner, ROUND]
+        to_x = (near[number, 0] - fits[owner, PLACE_X]) / apart_m
+        to_y = (near[number, 1] - fits[owner, PLACE_Y]) / apart_m
+        sums[owner, XX] += to_x * to_x
+        sums[owner, XY] += to_x * to_y
+        sums[owner, YY] += to_y * to_y
+        sums[owner, X1] += to_x
+        sums[owner, Y1] += to_y
+        sums[owner, ONES] += 1.0
+        sums[owner, X_OFF] += to_x * off_m
+        sums[owner, Y_OFF] += to_y * off_m
+        sums[owner, OFF] += off_m
+
+
+@compiled
+def _shift(fits: Floats, expected: Floats, sums: Floats, prior: float) -> None:
+    """Move circles to where their hits lie on them; what these leave open is as expected."""
+    for index in range(len(fits)):
+        if sums[index, ONES] == 0.0:
+            continue
+        xx, xy, yy = sums[index, XX] + prior, sums[index, XY], sums[index, YY] + prior
+        to_x = sums[index, X_OFF] + prior * (expected[index, PLACE_X] - fits[index, PLACE_X])
+        to_y = sums[index, Y_OFF] + prior * (expected[index, PLACE_Y] - fits[index, PLACE_Y])
+        determinant = xx * yy - xy * xy
+        fits[index, PLACE_X] += (yy * to_x - xy * to_y) / determinant
+        fits[index, PLACE_Y] += (xx * to_y - xy * to_x) / determinant
+
+
+@compiled
+def _grow(fits: Floats, sums: Floats, hit2_m2: float) -> None:
+    """Radii too, little by little: the same equations with one unknown more."""
+    prior = hit2_m2 / (EXPECTED_M * EXPECTED_M)
+    for index in range(len(fits)):
         if fits[index, HITS] < RADIUS_HITS:
             continue
-        size = sums[index, HITS_SUM] + prior_radius
-        a = sums[index, 0] + prior - sums[index, 6] * sums[index, 6] / size
-        b = sums[index, 1] - sums[index, 6] * sums[index, 7] / size
-        c = sums[index, 2] + prior - sums[index, 7] * sums[index, 7] / size
-        to_x = sums[index, 3] - sums[index, 6] * sums[index, 8] / size
-        to_y = sums[index, 4] - sums[index, 7] * sums[index, 8] / size
-        determinant = a * c - b * b
+        size = sums[index, ONES] + hit2_m2 / (RADIUS_OFF_M * RADIUS_OFF_M)
+        x1, y1, off_m = sums[index, X1] / size, sums[index, Y1] / size, sums[index, OFF] / size
+        xx = sums[index, XX] + prior - x1 * sums[index, X1]
+        xy = sums[index, XY] - x1 * sums[index, Y1]
+        yy = sums[index, YY] + prior - y1 * sums[index, Y1]
+        to_x, to_y = sums[index, X_OFF] - x1 * sums[index, OFF], sums[index, Y_OFF]
+        to_y -= y1 * sums[index, OFF]
+        determinant = xx * yy - xy * xy
         if determinant <= 0.0:
             continue
-        dx, dy = (c * to_x - b * to_y) / determinant, (a * to_y - b * to_x) / determinant
-        more_m = (sums[index, 8] - sums[index, 6] * dx - sums[index, 7] * dy) / size
-        more_m = max(-RADIUS_OFF_M, min(RADIUS_OFF_M, more_m))
+        dx, dy = (yy * to_x - xy * to_y) / determinant, (xx * to_y - xy * to_x) / determinant
+        more_m = max(-RADIUS_OFF_M, min(RADIUS_OFF_M, off_m - x1 * dx - y1 * dy))
         fits[index, ROUND] += RADIUS_WEIGHT * more_m
-    return fits
-
-
-HITS_SUM = 5
 
 
 @compiled
 def _owner(
-    tracks: Floats, fits: Floats, hit_x: float, hit_y: float, x_m: float, y_m: float, gate_m: float
+    tracks: Floats, fits: Floats, hit_x: float, hit_y: float, gate_m: float
 ) -> tuple[int, float]:
-    """Whose near side a hit lies on, or -1; how far outside of it.
-
-    Args:
-        hit_x, hit_y: from the robot, world axes.
-    """
+    """Whose near side a hit lies on, or -1; how far outside of it."""
     best, best_m = -1, 0.0
     away_m = np.sqrt(hit_x * hit_x + hit_y * hit_y)
     for index in range(len(fits)):
         if tracks[index, MOVES] == 0.0:
             continue
-        dx = hit_x + x_m - fits[index, PLACE_X]
-        dy = hit_y + y_m - fits[index, PLACE_Y]
+        dx, dy = hit_x - fits[index, PLACE_X], hit_y - fits[index, PLACE_Y]
         reach_m = fits[index, ROUND] + gate_m
         square_m2 = dx * dx + dy * dy
         if square_m2 >= reach_m * reach_m or square_m2 == 0.0:
@@ -196,12 +208,10 @@ def _owner(
 
 
 @compiled
-def _seen_through(
-    fit: Floats, raw_m: Floats, units: Floats, x_m: float, y_m: float, ahead: float, aside: float
-) -> bool:
+def _seen_through(fit: Floats, raw_m: Floats, units: Floats, ahead: float, aside: float) -> bool:
     """Whether beams go on behind it that would have to hit it."""
-    dx, dy = fit[PLACE_X] - x_m, fit[PLACE_Y] - y_m
-    to_x, to_y = ahead * dx + aside * dy, ahead * dy - aside * dx
+    to_x = ahead * fit[PLACE_X] + aside * fit[PLACE_Y]
+    to_y = ahead * fit[PLACE_Y] - aside * fit[PLACE_X]
     most_m = THROUGH_SHARE * fit[ROUND]
     through = 0
     for beam in range(len(raw_m)):

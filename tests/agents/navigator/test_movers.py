@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents import robot
-from agents.navigator import brake, dodge, memory, movers, segments, tracks
+from agents.navigator import arcs, brake, dodge, memory, movers, segments, tracks
 from agents.navigator.law import law
 from swarm import geometry
 from swarm.geometry import STILL, Pose, Twist
@@ -23,6 +23,7 @@ from tests.agents.navigator.test_kernels import plain, same
 
 Moving = tuple[float, float, float, float, float]  # x_m, y_m, v_x, v_y, radius_m; at first
 STANDING = [(2.0, 2.2, 0.5), (-1.5, 2.0, 0.4), (3.5, -1.0, 0.7), (0.5, -2.5, 0.15)]
+STILL_HERE = (0.0, 0.0, 1.0, 0.0)  # x_m, y_m, cosine, sine
 RANDOM = np.random.Generator(np.random.Philox(11))
 
 
@@ -129,6 +130,41 @@ def test_what_has_turned_back_is_known_to_do_so_within_some_ticks() -> None:
     assert np.isfinite(state.without(ranges_m, 30)).any()
 
 
+@settings(max_examples=20)
+@given(st.floats(-3.1, 3.1), st.floats(0.3, 0.9), st.floats(0.3, 0.9), st.floats(1.2, 2.0))
+def test_two_that_pass_each_other_stay_two(
+    at_rad: float, one_mps: float, other_mps: float, near_m: float
+) -> None:
+    # across the line of sight, 55 cm one behind the other: the one behind is hidden for a while
+    setup, state, ticks = setup_of(), movers.State(), 50
+    (x, y), half_s = geometry.unit(at_rad), 0.5 * ticks * scenes.DT_S
+    pair = [
+        (away_m * x + v * half_s * y, away_m * y - v * half_s * x, -v * y, v * x, 0.25)
+        for away_m, v in ((near_m, one_mps), (near_m + 0.55, -other_mps))
+    ]
+    known = [False, False]
+    for tick in range(ticks):
+        discs = [disc(one, tick) for one in pair]
+        ranges_m = scenes.scan(discs, scenes.ORIGIN)
+        frame = scenes.frame("robot1", tick, ranges_m=ranges_m)
+        state = movers.step(setup, state, frame, ranges_m, (), scenes.DT_S)
+        moving = state.moving()
+        for number, (x_m, y_m, _) in enumerate(discs):
+            off_m = [geometry.length(row[tracks.X] - x_m, row[tracks.Y] - y_m) for row in moving]
+            if geometry.length(x_m, y_m) > scenes.RANGE_M - 1.0 or (
+                not known[number] and min(off_m, default=1.0) > 0.1
+            ):
+                continue  # it has come into sight only now
+            known[number] = True
+            row = moving[int(np.argmin(off_m))]
+            _, _, v_x, v_y, radius_m = pair[number]
+            assert min(off_m) < 0.1
+            assert geometry.length(row[tracks.V_X] - v_x, row[tracks.V_Y] - v_y) < 0.25
+            assert abs(row[tracks.RADIUS] - radius_m) < 0.05
+    assert known == [True, True]
+    assert len(state.moving()) == 2
+
+
 def test_a_peer_is_no_mover() -> None:
     setup, state = setup_of(), movers.State()
     for tick in range(20):
@@ -230,9 +266,17 @@ def test_compiled_loops_decide_as_the_plain_ones() -> None:
     found = segments.segments(*looks, 0.0, 5.0)
     same(found, plain(segments.segments)(*looks, 0.0, 5.0))
     assert len(found) > 1
+    rows, owners = state.rows(), np.zeros((2, scenes.BEAMS), dtype=np.int64)
+    fits = arcs.locate(rows, raw_m, hits_m, rays.units, *STILL_HERE, 0.08, 0.0, owners[0])
+    same(
+        fits,
+        plain(arcs.locate)(rows, raw_m, hits_m, rays.units, *STILL_HERE, 0.08, 0.0, owners[1]),
+    )
+    assert (owners[0] == owners[1]).all()
+    assert np.count_nonzero(owners[0] >= 0) > 5
     old = state.scans[-1]
     follows = (
-        *(state.rows(), found, raw_m, rays.units, rays.bounds, *place, 0.029, 0.08, 0.01),
+        *(state.rows(), fits, found, raw_m, rays.units, rays.bounds, *place, 0.029, 0.08, 0.01),
         *(np.frombuffer(old.ranges), np.array((old.x_m, old.y_m, old.ahead, old.aside))),
     )
     known = tracks.follow(*follows)
