@@ -24,7 +24,6 @@ from tests.agents.navigator.test_kernels import plain, same
 Moving = tuple[float, float, float, float, float]  # x_m, y_m, v_x, v_y, radius_m; at first
 STANDING = [(2.0, 2.2, 0.5), (-1.5, 2.0, 0.4), (3.5, -1.0, 0.7), (0.5, -2.5, 0.15)]
 STILL_HERE = (0.0, 0.0, 1.0, 0.0)  # x_m, y_m, cosine, sine
-RANDOM = np.random.Generator(np.random.Philox(11))
 
 
 def setup_of(**changes: Any) -> RobotSetup:
@@ -38,8 +37,10 @@ def disc(moving: Moving, tick: int) -> scenes.Disc:
     return (x_m + v_x * tick * scenes.DT_S, y_m + v_y * tick * scenes.DT_S, radius_m)
 
 
-def noisy(ranges_m: Ranges, sigma_m: float) -> Ranges:
-    errors_m = sigma_m * np.clip(RANDOM.standard_normal(len(ranges_m)), -3.0, 3.0)
+def noisy(ranges_m: Ranges, sigma_m: float, tick: int) -> Ranges:
+    """Other errors in each tick, the same ones whichever test came before."""
+    normal = np.random.Generator(np.random.Philox(tick)).standard_normal(len(ranges_m))
+    errors_m = sigma_m * np.clip(normal, -3.0, 3.0)
     return (ranges_m + errors_m).astype(np.float32)
 
 
@@ -56,7 +57,7 @@ def watch(
     state, pose, found = movers.State(), scenes.ORIGIN, 0
     for tick in range(ticks):
         discs_now = [*discs, *[disc(one, tick) for one in moving]]
-        ranges_m = noisy(scenes.scan(discs_now, pose), sigma_m)
+        ranges_m = noisy(scenes.scan(discs_now, pose), sigma_m, tick)
         frame = scenes.frame("robot1", tick, pose, twist, ranges_m)
         state = movers.step(setup, state, frame, ranges_m, (), scenes.DT_S)
         found += len(state.moving()) > 0
@@ -153,7 +154,7 @@ def test_two_that_pass_each_other_stay_two(
     known = [False, False]
     for tick in range(ticks):
         discs = [disc(one, tick) for one in pair]
-        ranges_m = noisy(scenes.scan(discs, scenes.ORIGIN), sigma_m)
+        ranges_m = noisy(scenes.scan(discs, scenes.ORIGIN), sigma_m, tick)
         frame = scenes.frame("robot1", tick, ranges_m=ranges_m)
         state = movers.step(setup, state, frame, ranges_m, (), scenes.DT_S)
         moving = state.moving()
