@@ -31,8 +31,11 @@ from swarm.geometry import Floats
 
 Owners = npt.NDArray[np.int64]
 
-# Hits may lie so far off the circle, round by round: one that has turned back is 2 v dt off.
-GATES_M = np.array((0.2, 0.2, 0.12, 0.08, 0.05))
+# Hits may lie so far off the circle, round by round; where few lie on it after that it may have
+# turned back, and is 2 v dt off.
+GATES_M = np.array((0.06, 0.06, 0.05))
+WIDE_M = np.array((0.2, 0.2, 0.12, 0.08, 0.05))
+FEW_SHARE, OPEN_M = 0.6, 0.1  # of beams that nothing stops before it, by so much
 OWN_M = 0.03  # and so far in the end
 BEYOND_SHARE = 0.3  # by this part of the radius a hit may lie beyond the centre
 HITS_MIN = 3
@@ -77,23 +80,50 @@ def locate(
         expected = fits.copy()
         sums = np.empty((known, SUMS))
         hit2_m2 = (HIT_M + unsure_m / 3.0) * (HIT_M + unsure_m / 3.0)
+        own_m = OWN_M + unsure_m
+        gates_m = np.zeros(known)
         for gate_m in GATES_M:
-            _add_up(tracks, fits, near, gate_m + unsure_m, sums)
-            _shift(fits, expected, sums, hit2_m2 / (EXPECTED_M * EXPECTED_M))
-        for number in range(len(near)):
-            owner, _ = _owner(tracks, fits, near[number, 0], near[number, 1], OWN_M + unsure_m)
-            owners[beams[number]] = owner
-            if owner >= 0:
-                fits[owner, HITS] += 1.0
+            for index in range(known):
+                gates_m[index] = gate_m + unsure_m if tracks[index, MOVES] > 0.0 else 0.0
+            _fit(fits, expected, near, gates_m, own_m, hit2_m2, sums)
+        _count(fits, tracks, near, own_m, gates_m)
+        few = np.zeros(known, dtype=np.bool_)
+        some = False
+        for index in range(known):
+            if tracks[index, MOVES] > 0.0:
+                unhidden, _ = _crossing(fits[index], raw_m, units, ahead, aside)
+                few[index] = fits[index, HITS] < max(HITS_MIN, FEW_SHARE * unhidden)
+                some = some or few[index]
+        if some:
+            before = fits.copy()
+            for index in range(known):
+                if few[index]:
+                    fits[index] = expected[index]
+            for gate_m in WIDE_M:
+                for index in range(known):
+                    if tracks[index, MOVES] > 0.0:
+                        gates_m[index] = gate_m + unsure_m if few[index] else own_m
+                _fit(fits, expected, near, gates_m, own_m, hit2_m2, sums)
+            _count(fits, tracks, near, own_m, gates_m)
+            for index in range(known):
+                if few[index] and fits[index, HITS] <= before[index, HITS]:
+                    fits[index] = before[index]
         for index in range(known):
             dx = fits[index, PLACE_X] - expected[index, PLACE_X]
             dy = fits[index, PLACE_Y] - expected[index, PLACE_Y]
             seen = fits[index, HITS] >= HITS_MIN and dx * dx + dy * dy < GATE_M * GATE_M
-            if not seen or _seen_through(fits[index], raw_m, units, ahead, aside):
-                fits[index, HITS] = 0.0
-                for number in range(len(near)):
-                    if owners[beams[number]] == index:
-                        owners[beams[number]] = -1
+            if seen:
+                _, through = _crossing(fits[index], raw_m, units, ahead, aside)
+                seen = through < THROUGH_MAX
+            gates_m[index] = own_m if seen else 0.0
+        for index in range(known):
+            fits[index, HITS] = 0.0
+        for number in range(len(near)):
+            owner, _ = _owner(fits, near[number, 0], near[number, 1], gates_m)
+            owners[beams[number]] = owner
+            if owner >= 0:
+                fits[owner, HITS] += 1.0
+        _add_up(fits, near, gates_m, sums)
         _grow(fits, sums, hit2_m2)
     for index in range(known):
         fits[index, PLACE_X] += x_m
@@ -126,11 +156,47 @@ def _near(
 
 
 @compiled
-def _add_up(tracks: Floats, fits: Floats, near: Floats, gate_m: float, sums: Floats) -> None:
+def _count(fits: Floats, tracks: Floats, near: Floats, own_m: float, gates_m: Floats) -> None:
+    """How many hits lie on each circle."""
+    for index in range(len(fits)):
+        fits[index, HITS] = 0.0
+        gates_m[index] = own_m if tracks[index, MOVES] > 0.0 else 0.0
+    for number in range(len(near)):
+        owner, _ = _owner(fits, near[number, 0], near[number, 1], gates_m)
+        if owner >= 0:
+            fits[owner, HITS] += 1.0
+
+
+@compiled
+def _fit(
+    fits: Floats,
+    expected: Floats,
+    near: Floats,
+    gates_m: Floats,
+    own_m: float,
+    hit2_m2: float,
+    sums: Floats,
+) -> None:
+    """Move circles to where their hits lie on them; what these leave open is as expected."""
+    _add_up(fits, near, gates_m, sums)
+    prior = hit2_m2 / (EXPECTED_M * EXPECTED_M)
+    for index in range(len(fits)):
+        if sums[index, ONES] == 0.0 or gates_m[index] <= own_m:
+            continue
+        xx, xy, yy = sums[index, XX] + prior, sums[index, XY], sums[index, YY] + prior
+        to_x = sums[index, X_OFF] + prior * (expected[index, PLACE_X] - fits[index, PLACE_X])
+        to_y = sums[index, Y_OFF] + prior * (expected[index, PLACE_Y] - fits[index, PLACE_Y])
+        determinant = xx * yy - xy * xy
+        fits[index, PLACE_X] += (yy * to_x - xy * to_y) / determinant
+        fits[index, PLACE_Y] += (xx * to_y - xy * to_x) / determinant
+
+
+@compiled
+def _add_up(fits: Floats, near: Floats, gates_m: Floats, sums: Floats) -> None:
     """Normal equations of each circle's own hits, into `sums`."""
     sums[:] = 0.0
     for number in range(len(near)):
-        owner, off_m = _owner(tracks, fits, near[number, 0], near[number, 1], gate_m)
+        owner, off_m = _owner(fits, near[number, 0], near[number, 1], gates_m)
         if owner < 0:
             continue
         apart_m = off_m + fits[owner, ROUND]
@@ -145,20 +211,6 @@ def _add_up(tracks: Floats, fits: Floats, near: Floats, gate_m: float, sums: Flo
         sums[owner, X_OFF] += to_x * off_m
         sums[owner, Y_OFF] += to_y * off_m
         sums[owner, OFF] += off_m
-
-
-@compiled
-def _shift(fits: Floats, expected: Floats, sums: Floats, prior: float) -> None:
-    """Move circles to where their hits lie on them; what these leave open is as expected."""
-    for index in range(len(fits)):
-        if sums[index, ONES] == 0.0:
-            continue
-        xx, xy, yy = sums[index, XX] + prior, sums[index, XY], sums[index, YY] + prior
-        to_x = sums[index, X_OFF] + prior * (expected[index, PLACE_X] - fits[index, PLACE_X])
-        to_y = sums[index, Y_OFF] + prior * (expected[index, PLACE_Y] - fits[index, PLACE_Y])
-        determinant = xx * yy - xy * xy
-        fits[index, PLACE_X] += (yy * to_x - xy * to_y) / determinant
-        fits[index, PLACE_Y] += (xx * to_y - xy * to_x) / determinant
 
 
 @compiled
@@ -184,22 +236,20 @@ def _grow(fits: Floats, sums: Floats, hit2_m2: float) -> None:
 
 
 @compiled
-def _owner(
-    tracks: Floats, fits: Floats, hit_x: float, hit_y: float, gate_m: float
-) -> tuple[int, float]:
+def _owner(fits: Floats, hit_x: float, hit_y: float, gates_m: Floats) -> tuple[int, float]:
     """Whose near side a hit lies on, or -1; how far outside of it."""
     best, best_m = -1, 0.0
     away_m = np.sqrt(hit_x * hit_x + hit_y * hit_y)
     for index in range(len(fits)):
-        if tracks[index, MOVES] == 0.0:
+        if gates_m[index] == 0.0:
             continue
         dx, dy = hit_x - fits[index, PLACE_X], hit_y - fits[index, PLACE_Y]
-        reach_m = fits[index, ROUND] + gate_m
+        reach_m = fits[index, ROUND] + gates_m[index]
         square_m2 = dx * dx + dy * dy
         if square_m2 >= reach_m * reach_m or square_m2 == 0.0:
             continue
         off_m = np.sqrt(square_m2) - fits[index, ROUND]
-        if abs(off_m) >= gate_m or (best >= 0 and abs(off_m) >= abs(best_m)):
+        if abs(off_m) >= gates_m[index] or (best >= 0 and abs(off_m) >= abs(best_m)):
             continue
         if dx * hit_x + dy * hit_y > BEYOND_SHARE * fits[index, ROUND] * away_m:
             continue
@@ -208,16 +258,20 @@ def _owner(
 
 
 @compiled
-def _seen_through(fit: Floats, raw_m: Floats, units: Floats, ahead: float, aside: float) -> bool:
-    """Whether beams go on behind it that would have to hit it."""
+def _crossing(
+    fit: Floats, raw_m: Floats, units: Floats, ahead: float, aside: float
+) -> tuple[int, int]:
+    """Of the beams through its middle: those that nothing stops before it, that go on behind it."""
     to_x = ahead * fit[PLACE_X] + aside * fit[PLACE_Y]
     to_y = ahead * fit[PLACE_Y] - aside * fit[PLACE_X]
     most_m = THROUGH_SHARE * fit[ROUND]
-    through = 0
+    unhidden = through = 0
     for beam in range(len(raw_m)):
         along_m = units[beam, 0] * to_x + units[beam, 1] * to_y
-        if along_m <= 0.0 or raw_m[beam] < along_m:
+        if along_m <= 0.0 or abs(units[beam, 0] * to_y - units[beam, 1] * to_x) >= most_m:
             continue
-        if abs(units[beam, 0] * to_y - units[beam, 1] * to_x) < most_m:
+        if raw_m[beam] > along_m - fit[ROUND] - OPEN_M:
+            unhidden += 1
+        if raw_m[beam] > along_m:
             through += 1
-    return through >= THROUGH_MAX
+    return unhidden, through
