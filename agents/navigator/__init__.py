@@ -10,7 +10,7 @@ state         all of that State
 estimate      pose shown, wheels -> pose believed in
 predict       pose and twist at which what is decided now takes effect
 law           clearance -> speed and cost, the same for all stages
-movers        scans -> what moves and is not heard
+movers        scans -> what moves and is not heard           (arcs, segments, tracks)
 sight         scan -> hits without peers, sectors: before all others
 memory        hits -> points in a window -> distances       (points: its inner loops)
 way           distances, goal -> way, sub-goal              (search, chords: its inner loops)
