@@ -167,6 +167,14 @@ def test_robot_with_dead_motors_has_to_say_so_itself() -> None:
     assert run.outcome == "timeout"
 
 
+def test_who_came_on_lately_need_not_have_said_that_it_is_blocked() -> None:
+    case, _ = corridor([*BEFORE, *BEHIND], half=False)
+    score = metrics.begin(cases.under(case, "navigator"))
+    score.tick = 1000
+    assert stops.is_under_way(Watch((0.0, 0.0), 700, None, None), score)  # 24 s ago
+    assert not stops.is_under_way(Watch((0.0, 0.0), 600, None, None), score)
+
+
 def test_run_is_settled_when_nobody_has_anything_to_do_any_more() -> None:
     case, _ = corridor([*BEFORE, *BEHIND], half=False)
     score = metrics.begin(cases.under(case, "extended"))

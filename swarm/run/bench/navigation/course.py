@@ -211,12 +211,13 @@ def _judge_stop(job: Job, driven: Driven, rows: Sequence[metrics.RobotRow]) -> t
             continue
         if row.outcome == "killed" and number == stopped:
             continue
-        if row.outcome == "arrived" or not stops.has_said(watch, plan):
+        says = stops.has_said(watch, plan)
+        if row.outcome == "arrived" or not (says or stops.is_under_way(watch, driven.score)):
             late += 1
         elif stops.can_arrive(plan, driven.last, number):
             wrong += 1
         else:
-            told += 1
+            told += says
     return ("timeout" if late else "blocked" if wrong else "succeeded"), told
 
 

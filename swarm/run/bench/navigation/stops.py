@@ -127,6 +127,11 @@ def has_said(watch: Watch, scenario: Scenario) -> bool:
     )
 
 
+def is_under_way(watch: Watch, score: Score) -> bool:
+    """Whether a robot came on so lately that it need not have said anything yet."""
+    return score.tick - watch.tick <= score.scenario.tick_of(SAID_S_MAX)
+
+
 def settled(watches: list[Watch], score: Score) -> bool:
     """Whether nobody has anything to do any more: all have arrived, or said so for long enough."""
     scenario = score.scenario
