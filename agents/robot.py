@@ -43,7 +43,7 @@ from agents.peers import Body, Peer
 from agents.priority import Role
 from agents.steering import Wish
 from swarm import geometry, messages
-from swarm.geometry import STILL, Twist
+from swarm.geometry import STILL, Pose, Twist
 from swarm.messages import Beacon, Command, Intent, SensorFrame, Slot, Trace
 from swarm.scenario import RobotSetup
 
@@ -505,6 +505,8 @@ def lead(
         slowest_mps = formation.slowest(setup, followers)
         cruise_mps = formation.cruise(setup, slowest_mps)
         state, wish = go(setup, state, frame, map, (), elapsed_s, speed_mps=cruise_mps * factor)
+        if wish.reason == "enclosed":
+            state, wish = stop_beside(setup, state, pose, wish)
         if not wish.arrived:
             spare_mps = slowest_mps - cruise_mps
             rate_radps = formation.turn(setup, heading_rad, pose.yaw_rad, spare_mps)
@@ -529,6 +531,23 @@ def lead(
 def navigates(setup: RobotSetup) -> bool:
     """Whether a member of a formation finds its way by a map with memory."""
     return setup.robot.controller != "paper"
+
+
+def stop_beside(setup: RobotSetup, state: State, pose: Pose, wish: Wish) -> tuple[State, Wish]:
+    """State of a leader that finds no way: where a body stands on its goal, it goes beside that.
+
+    Another leader has come to grief there since this one was elected.
+    """
+    assert state.mission is not None
+    before = Mission(state.mission.goal)
+    errand = mission.take_over(before, pose, setup.robot.body_radius_m, state.bodies)
+    if errand == before:
+        return state, wish
+    passed = state.navigating.via_index
+    navigating = msgspec.structs.replace(navigator.redirect(state.navigating), via_index=passed)
+    errand = Mission(errand.goal, state.mission.via)
+    state = msgspec.structs.replace(state, mission=errand, navigating=navigating)
+    return state, Wish(mode="HOLD")
 
 
 def told(

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents import follow, navigator, robot
+from agents import follow, navigator, peers, robot
 from swarm import messages
 from swarm.geometry import STILL, Pose, Twist
 from swarm.messages import Beacon, Command, Leadership, SensorFrame, Slot
@@ -558,3 +558,17 @@ def test_follower_gives_up_150_s_after_its_leader_arrived() -> None:
     assert command.beacon.mode == "FORM"
     _, command = robot.step(setup, state, scenes.frame(tick=2, beacons=(leads,)))
     assert (command.beacon.mode, command.beacon.reason) == ("FAILED", "too-long")
+
+
+def test_leader_stops_beside_who_has_died_on_its_goal_since() -> None:
+    setup = scenes.leader(goal=(3.0, 0.0))
+    closed = navigator.State(failed="enclosed")
+    state = msgspec.structs.replace(robot.init(setup), navigating=closed)
+    died = msgspec.structs.replace(state, bodies=(peers.Body("robot2", 3.0, 0.0, 0.22),))
+    frame = scenes.frame("leader")
+    assert robot.step(setup, state, frame)[1].beacon.mode == "FAILED"
+    state, command = robot.step(setup, died, frame)
+    assert (command.beacon.mode, command.beacon.reason) == ("HOLD", "")
+    assert command.beacon.goal == pytest.approx((2.06, 0.0))
+    _, command = robot.step(setup, state, scenes.frame("leader", tick=2))
+    assert command.beacon.mode == "GO"
