@@ -10,15 +10,16 @@ places      which follower has which slot
 health      sensors and motors that cannot be trusted
 msam        ranges -> sectors -> arcs (virtual circles)         eq. 17 to 21
 field       arcs, goal, peers -> forces                         eq. 22 to 38
-steering    force -> set-point; gap choice
+steering    force -> set-point
 controllers one's own, each a file there
-rotation    ROUND: along the wall out of a trap, or FAILED
-seek        a goal of its own: GO, ROUND, ARRIVED
+seek        a goal of its own: GO, ARRIVED, FAILED
 navigator   a goal of its own, by a map with memory: a package, its stages are named there
+pilot       the same map and ways for who leads, and for who follows where the way is not clear
 formation   slot, way-point, bearing switch                     eq. 39 to 46
 pid         adaptive tracking                                   eq. 44, 47 to 64
-stray       stuck on the spot: round it; in a jam: back off
-follow      a slot: FORM, AVOID
+stray       in a jam: back off
+avoid       AVOID: a follower whose way is not clear
+follow      a slot: FORM, or AVOID
 priority    claims, who yields to whom                          eq. 65, 66
 lateness    how late commands take effect
 guard       never faster than can be braked

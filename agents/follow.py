@@ -1,7 +1,7 @@
 """A robot with a slot: FORM while nothing is in the way, AVOID while something is (section 3.3.2).
 
     leader's beacon --way-point--> bearing switch --> FORM: adaptive PID
-                                                  '-> AVOID: potential field, moving with the slot
+                                                  '-> AVOID: forces, moving with the slot
 
 The two never act together: the gradient of the field and the PID term would make new minima.
 """
@@ -9,18 +9,19 @@ The two never act together: the gradient of the field and the PID term would mak
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import atan2, cos, inf, sin
+from math import cos, sin
 from typing import Literal
 
 import msgspec
 
-from agents import field, formation, msam, pid, steering, stray
+from agents import avoid, formation, msam, navigator, pid, pilot, steering, stray
+from agents.formation import Goal
 from agents.peers import Peer, safe_distance
 from agents.priority import Claim
 from agents.steering import Wish
 from swarm import geometry
-from swarm.geometry import Pose, Twist, Vec2, wrap_angle
-from swarm.messages import Forces, Slot
+from swarm.geometry import Floats, Pose, Vec2, wrap_angle
+from swarm.messages import SensorFrame, Slot
 from swarm.scenario import RobotSetup
 
 # Triggers of AVOID: a bearing this far from the nominal one, obstacles within this angle ahead,
@@ -31,19 +32,6 @@ PEER_MARGIN_M = 0.2
 PEER_MARGIN_LEAVE_M = 0.25
 # Obstacle points at the rim of the map are left out of the bearing switch.
 RIM_M = 0.1
-# AVOID: error of the way-point to speed, how far a robot may fall behind before it drives back,
-CATCH_UP_GAIN_1PS = 1.0
-BACKWARD_FROM_M = 1.5
-# how far it looks for a gap beyond its way-point, within bounds,
-LOOK_BEYOND_M = 0.9
-LOOK_M_MIN = 0.6
-LOOK_M_MAX = 1.8
-# how near it is in its leader's way, and how fast it gets out of it,
-AHEAD_OF_LEADER_M = 1.2
-BESIDE_LEADER_M = 0.6
-MAKE_WAY_MPS = 0.4
-# and the speed from which on the attraction has its full size.
-ATTRACTION_FULL_MPS = 0.3
 # Once the leader has arrived a follower this near goes straight into its slot, with this margin.
 PARK_FROM_M = 1.5
 PARK_MARGIN_M = 0.1
@@ -59,21 +47,10 @@ class State(msgspec.Struct, frozen=True):
     mode: Literal["FORM", "AVOID"] = "FORM"
     clear_s: float = 0.0  # since the last trigger of AVOID
     bearing_now_rad: float = 0.0
-    direction_rad: float | None = None  # world, chosen last in AVOID
     rest_s: float = 0.0
     late_s: float = 0.0  # since the leader arrived, without rest in the slot
     tracking: pid.State = pid.State()
     astray: stray.State = stray.State()
-
-
-class Goal(msgspec.Struct, frozen=True):
-    """Where the formation is now, moved on from the leader's beacon."""
-
-    leader: Pose
-    twist: Twist
-    heading_rad: float  # theta_F
-    turn_rate_radps: float
-    arrived: bool
 
 
 def init(setup: RobotSetup) -> State:
@@ -81,24 +58,11 @@ def init(setup: RobotSetup) -> State:
     return State(bearing_now_rad=0.0 if setup.slot is None else setup.slot.bearing_rad)
 
 
-def goal_of(leader: Peer) -> Goal:
-    """Formation at the tick of this robot's frame."""
-    beacon = leader.beacon
-    heading_rad = beacon.formation_heading_rad + beacon.formation_turn_rate_radps * leader.age_s
-    return Goal(
-        leader=leader.pose,
-        twist=beacon.twist,
-        heading_rad=wrap_angle(heading_rad),
-        turn_rate_radps=beacon.formation_turn_rate_radps,
-        arrived=beacon.arrived,
-    )
-
-
 def step(
     setup: RobotSetup,
     state: State,
-    pose: Pose,
-    twist: Twist,
+    navigating: navigator.State | None,
+    frame: SensorFrame,
     map: msam.Map,
     others: list[Peer],
     goal: Goal,
@@ -106,14 +70,14 @@ def step(
     claim: Claim,
     *,
     held_by: str,
-    extended: bool,
     frozen: bool,
     waiting: bool,
     elapsed_s: float,
-) -> tuple[State, Wish]:
+) -> tuple[State, navigator.State | None, Wish]:
     """One tick of a follower that hears its leader.
 
     Args:
+        navigating: what it remembers of obstacles and ways; None: nothing.
         others: peers to keep apart from.
         claim: own one.
         held_by: peer that let it not move in the tick before, "" when there is none.
@@ -121,9 +85,15 @@ def step(
         waiting: it gave way in the tick before.
     """
     assert setup.formation is not None
+    pose, twist = frame.pose, frame.twist
+    if navigating is not None:
+        navigating = pilot.remember(setup, navigating, frame, map, elapsed_s)
     # A slot that stands is a place like any other: nobody passes along a corridor there.
     bearing_rad = slot.bearing_rad
-    if not goal.arrived:
+    if not goal.arrived and navigating is not None:
+        points_m = pilot.around(setup, navigating, frame, map, setup.sensor.range_m)
+        bearing_rad = free_bearing(setup, state, pose, points_m, goal, slot)
+    elif not goal.arrived:
         bearing_rad = switch_bearing(setup, state, pose, map, goal, slot)
     bearing_now_rad = formation.slew_bearing(
         setup.formation, state.bearing_now_rad, bearing_rad, elapsed_s
@@ -142,26 +112,25 @@ def step(
     )
     rest_s = state.rest_s + elapsed_s if rests else 0.0
     point = formation.waypoint(goal.leader, goal.heading_rad, slot.distance_m, bearing_now_rad)
-    astray, own = stray.back_off(setup, state.astray, pose, map, others, claim, held_by, elapsed_s)
-    if own is None:
-        astray, own = stray.step(
-            setup,
-            astray,
-            pose,
-            map,
-            others,
-            point,
-            extended=extended,
-            waiting=waiting,
-            elapsed_s=elapsed_s,
+    tracking, astray, away_rad = state.tracking, state.astray, None
+    if navigating is not None:
+        if state.mode == "AVOID" and held_by == "" and not waiting:
+            held_by = avoid.blocked_by(setup, frame, others, goal, point)
+        astray, away_rad = stray.step(astray, others, claim, held_by, elapsed_s)
+        if mode == "FORM" and away_rad is None:
+            navigating = pilot.stay(navigating)
+    if navigating is not None and away_rad is not None:
+        mode = "AVOID"
+        navigating, wish = avoid.back_off(
+            setup, navigating, frame, map, others, away_rad, elapsed_s=elapsed_s
         )
-    tracking = state.tracking
-    direction_rad = None
-    if own is not None:
-        mode, wish = "AVOID", own
+    elif navigating is not None and mode == "AVOID":
+        held = waiting or held_by != ""
+        navigating, wish = avoid.by_way(
+            setup, navigating, frame, map, others, goal, point, held=held, elapsed_s=elapsed_s
+        )
     elif mode == "AVOID":
-        wish = avoid(setup, state, pose, map, others, goal, point, extended)
-        direction_rad = atan2(wish.forces.attractive[1], wish.forces.attractive[0])
+        wish = avoid.by_field(setup, pose, map, others, goal, point)
     elif parks and is_skew(setup, pose, goal):
         tracking = pid.reset(tracking)
         wish = park(setup, pose, nominal, away_m)
@@ -172,11 +141,13 @@ def step(
     late_s = state.late_s + elapsed_s if goal.arrived and not rests else 0.0
     if rest_s >= REST_S:
         wish = msgspec.structs.replace(wish, mode="ARRIVED", arrived=True)
-    elif late_s > setup.steering.round_s_max:
+    elif late_s > setup.navigator.give_up_s:
         wish = Wish(mode="FAILED", waypoint=nominal, reason="too-long")
-    return State(
-        mode, clear_s, bearing_now_rad, direction_rad, rest_s, late_s, tracking, astray
-    ), wish
+    return (
+        State(mode, clear_s, bearing_now_rad, rest_s, late_s, tracking, astray),
+        navigating,
+        wish,
+    )
 
 
 def switch_bearing(
@@ -201,6 +172,28 @@ def switch_bearing(
         slot,
         state.bearing_now_rad,
         points,
+        setup.robot.body_radius_m + setup.formation.corridor_margin_m,
+    )
+
+
+def free_bearing(
+    setup: RobotSetup, state: State, pose: Pose, points_m: Floats, goal: Goal, slot: Slot
+) -> float:
+    """The same by all that is remembered: the far side of an obstacle is not seen, but was.
+
+    Args:
+        points_m: (points, 2) from the robot, world axes.
+    """
+    assert setup.formation is not None
+    if len(points_m) == 0:
+        return slot.bearing_rad
+    return formation.choose_bearing_among(
+        setup.formation,
+        slot,
+        state.bearing_now_rad,
+        points_m,
+        (pose.x_m - goal.leader.x_m, pose.y_m - goal.leader.y_m),
+        goal.heading_rad,
         setup.robot.body_radius_m + setup.formation.corridor_margin_m,
     )
 
@@ -326,86 +319,4 @@ def track(
             -robot.speed_mps_reverse_max <= speed_mps <= robot.speed_mps_max
             and abs(turn_rate_radps) <= robot.turn_rate_radps_max
         ),
-    )
-
-
-def avoid(
-    setup: RobotSetup,
-    state: State,
-    pose: Pose,
-    map: msam.Map,
-    others: Iterable[Peer],
-    goal: Goal,
-    point: Vec2,
-    extended: bool,
-) -> Wish:
-    """AVOID: the field, attracted along the velocity that takes it to its moving way-point.
-
-    An attraction k_g (way-point - q) as for a goal would be some 5 N against a gap's barrier of
-    8 to 17: the follower would stop in front of it.
-    """
-    robot = setup.robot
-    x_m, y_m = point[0] - pose.x_m, point[1] - pose.y_m
-    away_m = geometry.length(x_m, y_m)
-    v_x, v_y = slot_velocity(goal, point)
-    v_x += CATCH_UP_GAIN_1PS * x_m
-    v_y += CATCH_UP_GAIN_1PS * y_m
-    way = out_of_the_way(goal.leader, pose)
-    if way is not None:
-        v_x, v_y = way
-    elif away_m < BACKWARD_FROM_M:
-        v_x, v_y = field.without_opposition((v_x, v_y), goal.heading_rad)
-    speed_mps = min(robot.speed_mps_max, geometry.length(v_x, v_y))
-    wanted_rad = atan2(v_y, v_x) if speed_mps > 0.0 else goal.heading_rad
-    free_rad = None
-    if extended:
-        free_rad = steering.choose_direction(
-            setup.steering,
-            map,
-            pose.yaw_rad,
-            wanted_rad,
-            wanted_rad if state.direction_rad is None else state.direction_rad,
-            clear_m=robot.body_radius_m + setup.steering.gap_margin_follower_m,
-            look_m=max(LOOK_M_MIN, min(LOOK_M_MAX, away_m + LOOK_BEYOND_M)),
-        )
-    attractive = field.attractive(
-        setup.field,
-        wanted_rad if free_rad is None else free_rad,
-        setup.field.attraction_follower_m * min(1.0, speed_mps / ATTRACTION_FULL_MPS),
-    )
-    # The rule for goals near obstacles (eq. 33) is for goals that stand: this one moves on.
-    repulsive = field.repulsive(setup.field, map.arcs, pose.yaw_rad, inf)
-    if free_rad is not None:
-        repulsive = field.without_opposition(repulsive, free_rad)
-    rotating = field.rotating(setup.field, map.clusters, pose.yaw_rad, wanted_rad)
-    robots = field.between_robots(setup, others)
-    resultant = field.total(attractive, repulsive, rotating, robots)
-    forces = Forces(attractive, repulsive, rotating, robots, resultant)
-    speed_mps, turn_rate_radps = steering.head(
-        setup.steering, robot, resultant, pose.yaw_rad, speed_mps
-    )
-    return Wish("AVOID", speed_mps, turn_rate_radps, forces=forces, waypoint=point)
-
-
-def out_of_the_way(leader: Pose, pose: Pose) -> Vec2 | None:
-    """Velocity of a follower right in front of its leader: on ahead and aside, m/s, world.
-
-    A leader never gives way. Elected among its followers it may have one in front of it, in a
-    place too narrow for two, that wants to get past it to its slot.
-    """
-    x_m, y_m = pose.x_m - leader.x_m, pose.y_m - leader.y_m
-    ahead, aside = cos(leader.yaw_rad), sin(leader.yaw_rad)
-    along_m, across_m = x_m * ahead + y_m * aside, y_m * ahead - x_m * aside
-    if not 0.0 < along_m < AHEAD_OF_LEADER_M or abs(across_m) > BESIDE_LEADER_M:
-        return None
-    side = MAKE_WAY_MPS if across_m >= 0.0 else -MAKE_WAY_MPS
-    return (MAKE_WAY_MPS * ahead - side * aside, MAKE_WAY_MPS * aside + side * ahead)
-
-
-def slot_velocity(goal: Goal, point: Vec2) -> Vec2:
-    """Velocity of a point that moves with the leader and turns with theta_F, m/s, world."""
-    x_m, y_m = point[0] - goal.leader.x_m, point[1] - goal.leader.y_m
-    return (
-        goal.twist.speed_mps * cos(goal.leader.yaw_rad) - goal.turn_rate_radps * y_m,
-        goal.twist.speed_mps * sin(goal.leader.yaw_rad) + goal.turn_rate_radps * x_m,
     )

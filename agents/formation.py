@@ -13,8 +13,12 @@ from collections.abc import Iterable
 from functools import lru_cache
 from math import cos, inf, pi, sin
 
+import msgspec
+import numpy as np
+
+from agents.navigator import corridor
 from agents.peers import Peer
-from swarm.geometry import Pose, Vec2, wrap_angle
+from swarm.geometry import Floats, Pose, Twist, Vec2, wrap_angle
 from swarm.messages import Slot
 from swarm.scenario import Formation, RobotSetup
 
@@ -24,6 +28,29 @@ BEARING_MEMORY_WEIGHT = 0.15
 CRUISE_SHARE_MAX = 0.8
 # Bearings up to a right angle to either side are tried.
 BEARING_RAD_MAX = pi / 2.0
+
+
+class Goal(msgspec.Struct, frozen=True):
+    """Where the formation is now, moved on from the leader's beacon."""
+
+    leader: Pose
+    twist: Twist
+    heading_rad: float  # theta_F
+    turn_rate_radps: float
+    arrived: bool
+
+
+def goal_of(leader: Peer) -> Goal:
+    """Formation at the tick of this robot's frame."""
+    beacon = leader.beacon
+    heading_rad = beacon.formation_heading_rad + beacon.formation_turn_rate_radps * leader.age_s
+    return Goal(
+        leader=leader.pose,
+        twist=beacon.twist,
+        heading_rad=wrap_angle(heading_rad),
+        turn_rate_radps=beacon.formation_turn_rate_radps,
+        arrived=beacon.arrived,
+    )
 
 
 def slowest(setup: RobotSetup, followers: Iterable[Peer]) -> float:
@@ -54,6 +81,15 @@ def waypoint(leader: Pose, heading_rad: float, distance_m: float, bearing_rad: f
     """P_f = P_l - d e(alpha + theta_F) of eq. 39, world frame."""
     angle_rad = bearing_rad + heading_rad
     return (leader.x_m - distance_m * cos(angle_rad), leader.y_m - distance_m * sin(angle_rad))
+
+
+def slot_velocity(goal: Goal, point: Vec2) -> Vec2:
+    """Velocity of a point that moves with the leader and turns with theta_F, m/s, world."""
+    x_m, y_m = point[0] - goal.leader.x_m, point[1] - goal.leader.y_m
+    return (
+        goal.twist.speed_mps * cos(goal.leader.yaw_rad) - goal.turn_rate_radps * y_m,
+        goal.twist.speed_mps * sin(goal.leader.yaw_rad) + goal.turn_rate_radps * x_m,
+    )
 
 
 def lag(heading_rad: float, leader: Pose, followers: Iterable[Peer]) -> float:
@@ -115,6 +151,40 @@ def choose_bearing(
             best = cost
             chosen_rad = bearing_rad
     return chosen_rad
+
+
+def choose_bearing_among(
+    formation: Formation,
+    slot: Slot,
+    bearing_now_rad: float,
+    points_m: Floats,
+    origin: Vec2,
+    heading_rad: float,
+    clear_m: float,
+) -> float:
+    """The same in one inner loop, for many points.
+
+    Args:
+        points_m: (points, 2) from the robot, world axes; origin: the robot from the leader.
+    """
+    bearings = _candidates(slot.bearing_rad, slot.distance_m, formation.bearing_step_rad)
+    rows = np.array(bearings)
+    more = [
+        BEARING_MEMORY_WEIGHT * abs(wrap_angle(bearing[1] - bearing_now_rad))
+        for bearing in bearings
+    ]
+    rows[:, 1] = more
+    row = corridor.cheapest(
+        rows,
+        points_m,
+        *origin,
+        cos(heading_rad),
+        sin(heading_rad),
+        formation.corridor_behind_m,
+        formation.corridor_ahead_m,
+        clear_m,
+    )
+    return bearings[row][1] if row >= 0 else 0.0
 
 
 def slew_bearing(

@@ -16,9 +16,6 @@ from swarm.scenario import RobotSetup
 
 # A place that is taken is approached no further than this beyond touching.
 BESIDE_M = 0.5
-# Without headway for so long it looks for gaps at this share of the distance.
-STALLED_S = 1.0
-STALLED_LOOK = 0.5
 
 
 class Mission(msgspec.Struct, frozen=True):
@@ -65,22 +62,13 @@ def take_over(mission: Mission, pose: Pose, radius_m: float, bodies: Collection[
     return Mission(goal, via)
 
 
-def bound_for(setup: RobotSetup, mission: Mission, stalled_s: float = 0.0) -> RobotSetup:
-    """Setup with the goal and way-points of a mission for the robot's own.
-
-    Args:
-        stalled_s: for how long it has made no headway. It then looks less far for a gap: bodies
-            one behind the other may each leave a way, but none that is straight.
-    """
-    robot, steering = setup.robot, setup.steering
-    if robot.goal != mission.goal or robot.via != mission.via:
-        robot = msgspec.structs.replace(robot, goal=mission.goal, via=mission.via)
-    if stalled_s > STALLED_S:
-        look_m = STALLED_LOOK * steering.gap_look_m
-        steering = msgspec.structs.replace(steering, gap_look_m=look_m)
-    if robot is setup.robot and steering is setup.steering:
+def bound_for(setup: RobotSetup, mission: Mission) -> RobotSetup:
+    """Setup with the goal and way-points of a mission for the robot's own."""
+    robot = setup.robot
+    if robot.goal == mission.goal and robot.via == mission.via:
         return setup
-    return msgspec.structs.replace(setup, robot=robot, steering=steering)
+    robot = msgspec.structs.replace(robot, goal=mission.goal, via=mission.via)
+    return msgspec.structs.replace(setup, robot=robot)
 
 
 def _away(body: Body, point: Vec2) -> float:

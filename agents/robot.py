@@ -14,6 +14,7 @@ lock file. All that is remembered is in State.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 
 import msgspec
@@ -31,6 +32,7 @@ from agents import (
     navigator,
     peers,
     pid,
+    pilot,
     places,
     priority,
     seek,
@@ -52,9 +54,6 @@ HELD_MPS = 0.05
 # A leader goes at less than this share of its speed for one that lags, but not for longer.
 WAITING_FACTOR = 0.5
 WAITING_S_MAX = 20.0
-# Near a body that was a robot, this margin has to do.
-SQUEEZE_M = 2.5
-SQUEEZE_MARGIN_M = 0.06
 # A follower that does not hear a leader that lives goes after it when that has lasted for so long.
 GO_AFTER_S = 2.0
 
@@ -158,8 +157,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
     elif complaint == "sensors":
         wish = Wish(mode="HOLD", reason="sensors")
     else:
-        careful = squeeze(setup, frame.pose, state.bodies)
-        state, wish = decide(careful, state, role, frame, map, others, elapsed_s, late)
+        state, wish = decide(setup, state, role, frame, map, others, masked, elapsed_s, late)
         if complaint == "motors":  # it goes on asking, so it notices when they come back
             wish = msgspec.structs.replace(wish, mode="HOLD", reason="motors")
 
@@ -175,7 +173,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
             frame.pose,
             frame.twist,
             wish.direction_rad(frame.pose.yaw_rad),
-            others if wish.mode in ("GO", "ROUND", "FORM", "AVOID") else (),
+            others if wish.mode in ("GO", "FORM", "AVOID") else (),
             elapsed_s,
         )
     asked = Twist(0.0 if waiting.yields_to else wish.speed_mps, wish.turn_rate_radps)
@@ -285,7 +283,7 @@ def learn(state: State, name: str, others: list[Peer]) -> State:
     if leader is None:
         return msgspec.structs.replace(state, mission=errand)
     slot = dict(leader.beacon.assignments).get(name, state.slot)
-    goal = follow.goal_of(leader)
+    goal = formation.goal_of(leader)
     return msgspec.structs.replace(
         state, mission=errand, slot=slot, formation_heading_rad=goal.heading_rad
     )
@@ -308,6 +306,7 @@ def take_over(setup: RobotSetup, state: State, frame: SensorFrame, others: list[
         formation_turn_rate_radps=0.0,
         places=places.State(elected=True),
         seeking=seek.State(),
+        navigating=navigator.redirect(state.navigating),
     )
 
 
@@ -317,25 +316,6 @@ def is_sane(frame: SensorFrame) -> bool:
         max(abs(frame.pose.x_m), abs(frame.pose.y_m)) <= peers.COORDINATE_M_MAX
         and max(abs(frame.twist.speed_mps), abs(frame.twist.turn_rate_radps)) <= peers.RATE_MAX
     )
-
-
-def squeeze(setup: RobotSetup, pose: Pose, bodies: tuple[Body, ...]) -> RobotSetup:
-    """Setup with less room asked for in gaps near the body of a robot that was lost.
-
-    In the middle of a gap for two it leaves a way on either side, if only just; the guards keep
-    off what is asked for too closely.
-    """
-    if not any(
-        geometry.length(body.x_m - pose.x_m, body.y_m - pose.y_m) < SQUEEZE_M for body in bodies
-    ):
-        return setup
-    steering = setup.steering
-    tight = msgspec.structs.replace(
-        steering,
-        gap_margin_m=min(steering.gap_margin_m, SQUEEZE_MARGIN_M),
-        gap_margin_follower_m=min(steering.gap_margin_follower_m, SQUEEZE_MARGIN_M),
-    )
-    return msgspec.structs.replace(setup, steering=tight)
 
 
 def is_finite(twist: Twist) -> bool:
@@ -375,13 +355,16 @@ def decide(
     frame: SensorFrame,
     map: msam.Map,
     others: list[Peer],
+    masked: list[Peer],
     elapsed_s: float,
     late: lateness.State,
 ) -> tuple[State, Wish]:
     """State and wish of the mode that is in force. The only place that knows controllers."""
+    if role != "alone" and navigates(setup):
+        navigating = pilot.watch(setup, state.navigating, frame, map, others, masked, elapsed_s)
+        state = msgspec.structs.replace(state, navigating=navigating)
     if role == "leader":
         return lead(setup, state, frame, map, others, elapsed_s)
-    extended = setup.robot.controller != "paper"
     replace = msgspec.structs.replace
     if role == "follower":
         leader = leader_of(state, others)
@@ -389,23 +372,23 @@ def decide(
             return lose_touch(setup, state, frame, map, others, elapsed_s)
         if leader.beacon.reason in ("enclosed", "too-long"):
             return state, Wish(mode="FAILED", reason="leader")
-        following, wish = follow.step(
+        following, found, wish = follow.step(
             setup,
             state.following,
-            frame.pose,
-            frame.twist,
+            state.navigating if navigates(setup) else None,
+            frame,
             map,
             others,
-            follow.goal_of(leader),
+            formation.goal_of(leader),
             state.slot,
             priority.claim(role, state.slot, setup.row),
             held_by=state.held_by,
-            extended=extended,
             frozen=state.limited,
             waiting=is_held_up(state),
             elapsed_s=elapsed_s,
         )
-        return replace(state, following=following, unheard_s=0.0), wish
+        state = replace(state, following=following, unheard_s=0.0)
+        return state if found is None else replace(state, navigating=found), wish
     errand = state.mission or Mission(setup.robot.goal, setup.robot.via)
     if errand.goal is None:
         return state, Wish(mode="HOLD")
@@ -426,9 +409,6 @@ def decide(
         map,
         others,
         speed_mps=setup.robot.speed_mps_max,
-        extended=extended,
-        waiting=is_held_up(state),
-        elapsed_s=elapsed_s,
     )
     return replace(state, seeking=seeking), wish
 
@@ -454,21 +434,51 @@ def lose_touch(
         return replace(state, unheard_s=0.0), Wish(mode="HOLD")
     unheard_s = state.unheard_s + elapsed_s
     if unheard_s <= GO_AFTER_S:
-        return replace(state, unheard_s=unheard_s, seeking=seek.State()), Wish(mode="HOLD")
-    seeking, wish = seek.step(
-        mission.bound_for(setup, state.mission, state.seeking.rotation.stalled_s),
-        state.seeking,
-        frame.pose,
-        map,
-        others,
-        speed_mps=setup.robot.cruise_speed_mps,
-        extended=setup.robot.controller != "paper",
-        waiting=is_held_up(state),
-        elapsed_s=elapsed_s,
+        navigating = navigator.redirect(state.navigating)
+        state = replace(state, unheard_s=unheard_s, seeking=seek.State(), navigating=navigating)
+        return state, Wish(mode="HOLD")
+    state, wish = go(
+        setup, state, frame, map, others, elapsed_s, speed_mps=setup.robot.cruise_speed_mps
     )
     if wish.mode in ("ARRIVED", "FAILED"):
         wish = Wish(mode="HOLD")
-    return replace(state, unheard_s=unheard_s, seeking=seeking), wish
+    return replace(state, unheard_s=unheard_s), wish
+
+
+def go(
+    setup: RobotSetup,
+    state: State,
+    frame: SensorFrame,
+    map: msam.Map,
+    pushed_by: Sequence[Peer],
+    elapsed_s: float,
+    *,
+    speed_mps: float,
+) -> tuple[State, Wish]:
+    """A member of a formation on its own way to the goal of its mission.
+
+    Args:
+        pushed_by: peers whose forces push it off.
+        speed_mps: to drive at where nothing is in the way.
+    """
+    assert state.mission is not None
+    replace = msgspec.structs.replace
+    if navigates(setup):
+        bound = mission.bound_for(setup, state.mission)
+        navigating, aim = pilot.to_goal(
+            bound, state.navigating, frame, map, held=is_held_up(state), elapsed_s=elapsed_s
+        )
+        wish = seek.along(bound, aim, frame.pose, map, pushed_by, speed_mps=speed_mps)
+        return replace(state, navigating=navigating), wish
+    seeking, wish = seek.step(
+        mission.bound_for(setup, state.mission),
+        state.seeking,
+        frame.pose,
+        map,
+        pushed_by,
+        speed_mps=speed_mps,
+    )
+    return replace(state, seeking=seeking), wish
 
 
 def lead(
@@ -486,7 +496,7 @@ def lead(
     pose, heading_rad = frame.pose, state.formation_heading_rad
     followers = [peer for peer in others if is_led(peer)]
     wish = Wish(mode="HOLD")
-    seeking, rate_radps, waited_s = state.seeking, 0.0, 0.0
+    rate_radps, waited_s = 0.0, 0.0
     if state.mission.goal is not None:
         factor = formation.pace(setup.formation, formation.lag(heading_rad, pose, followers))
         waited_s = state.waited_s + elapsed_s if factor < WAITING_FACTOR else 0.0
@@ -494,17 +504,9 @@ def lead(
             factor = WAITING_FACTOR
         slowest_mps = formation.slowest(setup, followers)
         cruise_mps = formation.cruise(setup, slowest_mps)
-        seeking, wish = seek.step(
-            mission.bound_for(setup, state.mission, seeking.rotation.stalled_s),
-            seeking,
-            pose,
-            map,
-            (),
-            speed_mps=cruise_mps * factor,
-            extended=setup.robot.controller != "paper",
-            waiting=is_held_up(state),
-            elapsed_s=elapsed_s,
-        )
+        state, wish = go(setup, state, frame, map, (), elapsed_s, speed_mps=cruise_mps * factor)
+        if wish.reason == "enclosed":
+            state, wish = stop_beside(setup, state, pose, wish)
         if not wish.arrived:
             spare_mps = slowest_mps - cruise_mps
             rate_radps = formation.turn(setup, heading_rad, pose.yaw_rad, spare_mps)
@@ -520,11 +522,32 @@ def lead(
     )
     return msgspec.structs.replace(
         state,
-        seeking=seeking,
         places=plan,
         formation_turn_rate_radps=rate_radps,
         waited_s=waited_s,
     ), wish
+
+
+def navigates(setup: RobotSetup) -> bool:
+    """Whether a member of a formation finds its way by a map with memory."""
+    return setup.robot.controller != "paper"
+
+
+def stop_beside(setup: RobotSetup, state: State, pose: Pose, wish: Wish) -> tuple[State, Wish]:
+    """State of a leader that finds no way: where a body stands on its goal, it goes beside that.
+
+    Another leader has come to grief there since this one was elected.
+    """
+    assert state.mission is not None
+    before = Mission(state.mission.goal)
+    errand = mission.take_over(before, pose, setup.robot.body_radius_m, state.bodies)
+    if errand == before:
+        return state, wish
+    passed = state.navigating.via_index
+    navigating = msgspec.structs.replace(navigator.redirect(state.navigating), via_index=passed)
+    errand = Mission(errand.goal, state.mission.via)
+    state = msgspec.structs.replace(state, mission=errand, navigating=navigating)
+    return state, Wish(mode="HOLD")
 
 
 def told(

@@ -1,8 +1,7 @@
-"""A robot with a goal of its own, a formation's leader or alone: GO, ROUND, ARRIVED, FAILED.
+"""A robot with a goal of its own, a formation's leader or alone: GO, ARRIVED, FAILED.
 
-goal, map, peers --gap, forces (eq. 38)--> heading --> wish
-no progress --rotation memory--> ROUND --> wish
-round everything, both ways, or for too long --> FAILED, for good
+goal, map, peers --forces (eq. 38)--> heading --> wish          as the paper reads
+way that a navigator has found --forces across it--> heading --> wish
 """
 
 from __future__ import annotations
@@ -12,25 +11,22 @@ from math import atan2
 
 import msgspec
 
-from agents import field, msam, rotation, steering
+from agents import field, msam, navigator, steering
 from agents.peers import Peer
 from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import Pose, Vec2
-from swarm.messages import Forces, Mode
+from swarm.messages import Forces
 from swarm.scenario import RobotSetup
 
-# Where there is no room: this share of the margins, and looking for gaps no further than this.
-NARROW = 0.6
-NARROW_LOOK_M = 0.8
+# A found way attracts as a goal this far away does, at most: repulsion across it must count.
+ATTRACTION_M_MAX = 15.0
 
 
 class State(msgspec.Struct, frozen=True):
-    """How far along its way a robot is, and which way it went last."""
+    """How far along its way a robot is."""
 
     via_index: int = 0  # of the way-point it goes to; their number: the goal itself
-    direction_rad: float | None = None  # world, chosen last; None before the first
-    rotation: rotation.State = rotation.State()
 
 
 def step(
@@ -41,77 +37,68 @@ def step(
     others: Iterable[Peer],
     *,
     speed_mps: float,
-    extended: bool,
-    waiting: bool,
-    elapsed_s: float,
 ) -> tuple[State, Wish]:
-    """One tick on the way to the goal.
+    """One tick on the way to the goal, by the paper's field alone.
 
     Args:
         others: peers that push this robot off (F_ij).
-        speed_mps: to drive at where nothing is in the way.
-        extended: gap choice, projection and rotation memory on; else the strict reading.
-        waiting: whether it gave way in the tick before.
+        speed_mps: to drive at.
     """
     state = pass_waypoints(setup, state, pose)
     target, is_goal = target_of(setup, state)
-    position = (pose.x_m, pose.y_m)
     dx_m, dy_m = target[0] - pose.x_m, target[1] - pose.y_m
     distance_m = geometry.length(dx_m, dy_m)
     if is_goal and distance_m < setup.robot.goal_tolerance_m:
         return state, Wish(mode="ARRIVED", arrived=True, waypoint=target)
-    goal_rad = atan2(dy_m, dx_m)
-    memory = state.rotation
-    clear_m = setup.robot.body_radius_m + setup.steering.gap_margin_m
-    keep_m = max(setup.steering.round_distance_m, clear_m + setup.steering.gap_margin_m)
-    if extended:
-        memory = rotation.step(
-            setup.steering,
-            memory,
-            map,
-            position,
-            pose.yaw_rad,
-            goal_rad,
-            distance_m,
-            clear_m=clear_m,
-            keep_m=keep_m,
-            waiting=waiting,
-            elapsed_s=elapsed_s,
-        )
-        if memory.failed:
-            failed = Wish(mode="FAILED", waypoint=target, reason=memory.failed)
-            return State(state.via_index, state.direction_rad, memory), failed
-    look_m = min(distance_m, setup.steering.gap_look_m)
-    if rotation.is_confined(memory):
-        clear_m = setup.robot.body_radius_m + NARROW * setup.steering.gap_margin_m
-        keep_m, look_m = clear_m + NARROW * setup.steering.gap_margin_m, min(look_m, NARROW_LOOK_M)
-    mode: Mode = "GO"
-    direction_rad = state.direction_rad
-    if memory.sense != 0:
-        mode = "ROUND"
-        along = rotation.follow_wall(keep_m, map, memory.sense, pose.yaw_rad)
-        forces = Forces(rotating=along, resultant=along)
-    else:
-        free_rad = None
-        if extended:
-            free_rad = steering.choose_direction(
-                setup.steering,
-                map,
-                pose.yaw_rad,
-                goal_rad,
-                goal_rad if direction_rad is None else direction_rad,
-                clear_m=clear_m,
-                look_m=look_m,
-            )
-            direction_rad = goal_rad if free_rad is None else free_rad
-        forces = add_up(setup, pose, map, others, goal_rad, distance_m, free_rad, extended)
+    forces = add_up(setup, pose, map, others, atan2(dy_m, dx_m), distance_m)
     if is_goal:
         speed_mps = min(speed_mps, setup.steering.approach_gain_1ps * distance_m)
     speed_mps, turn_rate_radps = steering.head(
         setup.steering, setup.robot, forces.resultant, pose.yaw_rad, speed_mps
     )
-    next_state = State(state.via_index, direction_rad, memory)
-    return next_state, Wish(mode, speed_mps, turn_rate_radps, forces=forces, waypoint=target)
+    return state, Wish("GO", speed_mps, turn_rate_radps, forces=forces, waypoint=target)
+
+
+def along(
+    setup: RobotSetup,
+    aim: navigator.Aim,
+    pose: Pose,
+    map: msam.Map,
+    others: Iterable[Peer],
+    *,
+    speed_mps: float,
+) -> Wish:
+    """One tick on the way that a navigator has found.
+
+    Args:
+        others: peers that push this robot off (F_ij).
+        speed_mps: to drive at where nothing is in the way.
+    """
+    target = aim.subgoal
+    if aim.reason:
+        return Wish(mode="FAILED", waypoint=target, reason=aim.reason)
+    if aim.is_last and aim.distance_m < setup.robot.goal_tolerance_m:
+        return Wish(mode="ARRIVED", arrived=True, waypoint=target)
+    forces = add_up(
+        setup,
+        pose,
+        map,
+        others,
+        aim.direction_rad,
+        aim.distance_m,
+        pull_m=min(aim.distance_m, ATTRACTION_M_MAX),
+        free=True,
+    )
+    if aim.is_last:
+        speed_mps = min(speed_mps, setup.steering.approach_gain_1ps * aim.distance_m)
+    speed_mps, turn_rate_radps = steering.head(
+        setup.steering,
+        setup.robot,
+        forces.resultant,
+        pose.yaw_rad,
+        min(speed_mps, aim.speed_mps),
+    )
+    return Wish("GO", speed_mps, turn_rate_radps, forces=forces, waypoint=target)
 
 
 def add_up(
@@ -121,15 +108,20 @@ def add_up(
     others: Iterable[Peer],
     goal_rad: float,
     distance_m: float,
-    free_rad: float | None,
-    extended: bool,
+    *,
+    pull_m: float | None = None,
+    free: bool = False,
 ) -> Forces:
-    """Forces of eq. 38; along a free direction instead of the goal's when there is one."""
-    pull_m = min(distance_m, setup.field.attraction_m_max) if extended else distance_m
-    attractive = field.attractive(setup.field, goal_rad if free_rad is None else free_rad, pull_m)
+    """Forces of eq. 38.
+
+    Args:
+        pull_m: it is attracted as by a goal so far away; None: at its distance.
+        free: the way there is known to be free, so nothing repels against it.
+    """
+    attractive = field.attractive(setup.field, goal_rad, distance_m if pull_m is None else pull_m)
     repulsive = field.repulsive(setup.field, map.arcs, pose.yaw_rad, distance_m)
-    if free_rad is not None:
-        repulsive = field.without_opposition(repulsive, free_rad)
+    if free:
+        repulsive = field.without_opposition(repulsive, goal_rad)
     rotating = field.rotating(setup.field, map.clusters, pose.yaw_rad, goal_rad)
     robots = field.between_robots(setup, others)
     return Forces(

@@ -1,19 +1,17 @@
-"""From a force to a set-point, and which way to go between the obstacles.
+"""From a force to a set-point.
 
     force --head--> (v, omega) --slew--> --scale_to_rims--> set-point
-    map, goal --choose_direction--> gap
 
-The paper has neither a heading controller nor a choice of gaps; all of this is ours.
+The paper has no heading controller; all of this is ours.
 """
 
 from __future__ import annotations
 
-from math import atan2, ceil, cos, inf, sqrt
+from math import atan2, cos
 
 import msgspec
 
-from agents import msam
-from swarm.geometry import TAU, Twist, Vec2, wrap_angle
+from swarm.geometry import Twist, Vec2, wrap_angle
 from swarm.messages import Forces, Mode, Reason
 from swarm.scenario import Robot, Steering
 
@@ -73,62 +71,3 @@ def scale_to_rims(robot: Robot, twist: Twist) -> Twist:
 def clip(value: float, bound: float) -> float:
     """Value within [-bound, bound]."""
     return max(-bound, min(bound, value))
-
-
-def choose_direction(
-    steering: Steering,
-    map: msam.Map,
-    yaw_rad: float,
-    goal_rad: float,
-    last_rad: float,
-    *,
-    clear_m: float,
-    look_m: float,
-) -> float | None:
-    """Free world direction nearest to the goal's, None when all are blocked.
-
-    A sector with something nearer than `look_m` blocks every direction in which a body of
-    `clear_m` would touch it. Among the free sectors the cost is the angle to the goal plus a
-    share of the angle to the direction chosen last, so that the robot keeps to its gap.
-
-    Args:
-        goal_rad, last_rad: world.
-        clear_m: body radius plus margin.
-    """
-    count = len(map.sectors_m)
-    sector_rad = TAU / count
-    goal_body_rad = wrap_angle(goal_rad - yaw_rad)
-    angles = msam.layout(count, count).sector_angles
-    goal_is_free = True
-    blocked = 0  # one bit per sector, three turns side by side so that no run is cut at the back
-    if map.nearest_m < look_m:
-        for index in [index for index, range_m in enumerate(map.sectors_m) if range_m < look_m]:
-            range_m = map.sectors_m[index]
-            half_rad = half_width(clear_m, range_m) + sector_rad / 2.0
-            if goal_is_free and abs(wrap_angle(goal_body_rad - angles[index])) < half_rad:
-                goal_is_free = False
-            aside = ceil(half_rad / sector_rad) - 1
-            blocked |= ((1 << (2 * aside + 1)) - 1) << (index - aside + count)
-    if goal_is_free:
-        return goal_rad
-    blocked |= (blocked >> count) | (blocked >> 2 * count)
-    last_body_rad = wrap_angle(last_rad - yaw_rad)
-    best = inf
-    chosen_rad = None
-    for index, angle_rad in enumerate(angles):
-        if blocked >> index & 1:
-            continue
-        cost = abs(wrap_angle(angle_rad - goal_body_rad))
-        if cost < best:
-            cost += steering.gap_memory_weight * abs(wrap_angle(angle_rad - last_body_rad))
-            if cost < best:
-                best = cost
-                chosen_rad = angle_rad
-    return None if chosen_rad is None else wrap_angle(chosen_rad + yaw_rad)
-
-
-def half_width(clear_m: float, range_m: float) -> float:
-    """asin(clear / range), a right angle when nearer than that."""
-    if range_m <= clear_m:
-        return TAU / 4.0
-    return atan2(clear_m, sqrt(range_m * range_m - clear_m * clear_m))

@@ -32,6 +32,7 @@ Coordinate = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Goal = tuple[Coordinate, Coordinate]  # x_m, y_m in the world, as a person gives it
 Stamp = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
 
+# ROUND is of recordings made before there were ways by memory only.
 Mode = Literal["GO", "ROUND", "FORM", "AVOID", "ARRIVED", "HOLD", "FAILED"]
 # Why a robot says FAILED or HOLD: it touched something; its sensors cannot be trusted; its motors
 # do not follow; it walked round all that is between it and its goal, both ways; it tried for too

@@ -31,7 +31,23 @@ Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 ROBOTS_MAX = 500
 DEVIATES_MAX = 3.0  # sigma at which noise is cut; one normal draw in 370 lies beyond
-CONTROLLERS = ("extended", "navigator", "paper")  # built in
+CONTROLLERS = ("navigator", "paper")  # built in
+# Tunables that are gone, with the values that they had where nobody changed them: recordings of
+# before and files written out in full have them all.
+RETIRED: dict[str, dict[str, float]] = {
+    "field": {"attraction_m_max": 15.0},
+    "steering": {
+        "gap_margin_m": 0.12,
+        "gap_margin_follower_m": 0.10,
+        "gap_look_m": 2.0,
+        "gap_memory_weight": 0.7,
+        "stall_progress_m": 0.15,
+        "stall_s": 4.0,
+        "round_distance_m": 0.65,
+        "round_leave_m": 0.3,
+        "round_s_max": 150.0,
+    },
+}
 RESERVED_NAMES = frozenset(("world", "supervisor", "router", "run"))  # other processes' names
 
 T = TypeVar("T")
@@ -70,6 +86,13 @@ class RobotParameters(_Part, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     rolling_damping_nspm: Annotated[float, Meta(ge=0.0, le=1e4)] = 1.0
     turning_friction_nm: Annotated[float, Meta(ge=0.0, le=1e4)] = 0.1
     turning_damping_nms: Annotated[float, Meta(ge=0.0, le=1e4)] = 0.05
+
+    def __post_init__(self) -> None:
+        if self.controller == "extended":
+            raise ValueError(
+                "expected controller 'navigator', which has taken its place, or 'paper', got "
+                "'extended'"
+            )
 
 
 class Robot(RobotParameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -218,7 +241,6 @@ class Field(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     k_e: NotNegative = 0.01
     rho_m: Positive = 3.0  # reach of an obstacle's repulsion
     distance_m_min: Positive = 0.05  # f and q - r are clamped here
-    attraction_m_max: Positive = 15.0  # F_att grows up to this distance (extended only)
     attraction_follower_m: Positive = 8.0
     k_ij: NotNegative = 5.0
     safe_distance_m: Positive = 0.5  # r of eq. 36
@@ -233,19 +255,10 @@ class Field(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Steering(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Heading controller, gap choice and rotation memory."""
+    """Heading controller."""
 
     heading_gain_1ps: Positive = 4.0  # k_omega
     approach_gain_1ps: Positive = 1.2  # v <= gain * distance to the goal
-    gap_margin_m: NotNegative = 0.12
-    gap_margin_follower_m: NotNegative = 0.10
-    gap_look_m: Positive = 2.0
-    gap_memory_weight: NotNegative = 0.7  # less: followers circle before a gap, undecided
-    stall_progress_m: Positive = 0.15  # ROUND when the goal came no nearer than this
-    stall_s: Positive = 4.0  # for this long
-    round_distance_m: Positive = 0.65  # from robot centre to the wall that it follows
-    round_leave_m: Positive = 0.3
-    round_s_max: Positive = 150.0  # of ROUND without coming nearer; then FAILED
 
 
 class Pid(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -664,6 +677,9 @@ def decode(
         ) from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise errors.ScenarioError(f"{where}: expected TOML, got: {error}") from error
+    for name, retired in RETIRED.items():
+        if isinstance(table := raw.get(name), dict):
+            raw[name] = {key: value for key, value in table.items() if retired.get(key) != value}
     for setting in settings:
         _set(raw, setting)
     if seed is not None:

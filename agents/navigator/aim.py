@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from swarm.geometry import Vec2
+from swarm.messages import Reason
 
 
 class Aim(msgspec.Struct, frozen=True):
@@ -15,6 +16,6 @@ class Aim(msgspec.Struct, frozen=True):
     subgoal: Vec2  # world, the point that the robot is drawn to
     distance_m: float  # straight to the goal, or to the way-point that comes next
     is_last: bool  # whether the goal itself comes next, not a way-point
-    reason: str = ""  # why there is no way; "" when there is one
+    reason: Reason = ""  # why there is no way; "" when there is one
     held: bool = False  # it waits for others, so that clocks of the way stand
     open_mps: float = 0.0  # cap by the goal alone, where the cells see to clearances

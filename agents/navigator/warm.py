@@ -10,7 +10,7 @@ from math import inf, pi, sqrt
 import numpy as np
 
 from agents import robot
-from agents.navigator import gaps, memory
+from agents.navigator import corridor, gaps, memory
 from swarm import messages, scenario
 from swarm.geometry import Pose, Twist
 from swarm.messages import Beacon, SensorFrame, Wheels
@@ -70,3 +70,5 @@ def up() -> None:
             said.append(command.beacon)
         heard = said
     gaps.end(np.zeros((1, 2)), 0.0, 0.0, 1.0, 0.0, 1.0)  # there is no gap in the scene
+    # nor a formation
+    corridor.cheapest(np.zeros((1, 4)), np.zeros((1, 2)), 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)

@@ -27,6 +27,7 @@ DEARER, DEARER_CELLS = 1.01, 0.2  # a way that has become dearer by this is plan
 OFF_MM = 500.0  # likewise when the robot is this far off it
 LOOK_MM_MAX = 3000.0
 LINE_SIZE = 1000.0
+NOWHERE = (2**62, 2**62)  # origin of no window
 
 
 class Search(msgspec.Struct, frozen=True):
@@ -115,6 +116,11 @@ def step(
     if way.search is not None and way.search.origin_mm != memory.origin_mm:
         way = replace(way, search=None)
     return _search(law, way, memory, field_mm, pose, tolerance_m)
+
+
+def towards(way: Way, target: Vec2) -> Way:
+    """The same way, followed until there is one to a target that has moved on."""
+    return msgspec.structs.replace(way, target=target, origin_mm=NOWHERE, search=None, closed=False)
 
 
 def _search(

@@ -151,14 +151,14 @@ def test_pairs_pass_head_on_as_in_figure_12(strategy: str) -> None:
                 f"[[robots]]\nname = 'robot{number}'\nstart = [{way}, {y_m}, {yaw_rad}]\n"
                 f"goal = [{-way}, {y_m}]\n"
             )
-    outcome = run("".join(rows), f"priority.strategy={strategy}", "robot.controller=extended")
+    outcome = run("".join(rows), f"priority.strategy={strategy}", "robot.controller=paper")
     assert outcome.contacts == 0
     assert outcome.arrived_s < 25.0
     assert outcome.yields["robot1"] == 0
     assert (sum(outcome.yields.values()) > 0) == (strategy == "priority")
 
 
-@pytest.mark.parametrize("controller", ["extended", "paper"])
+@pytest.mark.parametrize("controller", ["navigator", "paper"])
 def test_robot_finds_through_random_circles_as_in_figure_10(controller: str) -> None:
     outcome = run(
         "[[robots]]\nname = 'robot1'\nstart = [0.0, 0.0, 0.785]\ngoal = [20.0, 20.0]\n"
@@ -170,7 +170,7 @@ def test_robot_finds_through_random_circles_as_in_figure_10(controller: str) -> 
     assert outcome.clearance_m > 0.15
 
 
-def test_robot_leaves_a_trap_by_its_rotation_memory() -> None:
+def test_robot_leaves_a_trap_by_its_memory() -> None:
     # A U of three walls, open to the start; the goal lies behind its back.
     outcome = run(
         "[[robots]]\nname = 'robot1'\nstart = [0.0, 0.1, 0.0]\ngoal = [12.0, 0.0]\n"

@@ -55,7 +55,7 @@ def test_built_in_controllers_are_none_of_ones_own() -> None:
 @pytest.mark.parametrize(
     ("name", "controller", "expected"),
     [
-        ("single-robot", "extendd", "did you mean 'extended'?"),
+        ("single-robot", "navigatr", "did you mean 'navigator'?"),
         ("single-robot", "mine", "agents/controllers/mine.py"),
         ("two-obstacles", "ahead", "in a formation"),
     ],

@@ -98,7 +98,7 @@ def reached(repulsion: float) -> int:
             goal_rad = atan2(goal[1] - y_m, goal[0] - x_m)
             beyond = [arc for arc in map.arcs if away_m < arc.range_m]
             extra = field.repulsive(FIELD, beyond, 0.0, 1e3)
-            force = seek.add_up(setup, pose, map, (), goal_rad, away_m, None, False).resultant
+            force = seek.add_up(setup, pose, map, (), goal_rad, away_m).resultant
             fx, fy = force[0] + repulsion * extra[0], force[1] + repulsion * extra[1]
             step_m = min(0.04, away_m) / hypot(fx, fy)
             x_m, y_m = x_m + step_m * fx, y_m + step_m * fy

@@ -129,7 +129,7 @@ def test_field_reaches_a_goal_near_an_obstacle(goal: Vec2) -> None:
         pose = Pose(x_m, y_m, 0.0)
         map = scenes.look(setup, scenes.scan([(0.0, 0.0, 1.0)], pose))
         goal_rad = atan2(goal[1] - y_m, goal[0] - x_m)
-        fx, fy = seek.add_up(setup, pose, map, (), goal_rad, away_m, None, False).resultant
+        fx, fy = seek.add_up(setup, pose, map, (), goal_rad, away_m).resultant
         step_m = min(0.04, away_m) / hypot(fx, fy)
         x_m, y_m = x_m + step_m * fx, y_m + step_m * fy
         assert hypot(x_m, y_m) > 1.0

@@ -38,10 +38,9 @@ ROWS = {
     *(
         f"step: {role}, {controller}{longest}"
         for role in ROLES
-        for controller in ("extended", "paper")
+        for controller in ("paper", "navigator")
         for longest in ("", ", longest")
     ),
-    *("step: alone, navigator", "step: alone, navigator, longest"),
     "step: with 20 neighbours, navigator",
     "step: with 20 neighbours, navigator, longest",
     *("memory: real time", "memory: ticks"),

@@ -28,7 +28,7 @@ def group(family: str, size: str) -> Group:
 @pytest.mark.parametrize("family", ["circle-swap-dead", "circle-swap-half-dead"])
 def test_drive_makes_the_run_that_the_shells_make_when_a_robot_stops(family: str) -> None:
     case = cases.shortened(group(family, "4").make(1), 6.0)
-    plan = cases.under(case, "extended")
+    plan = cases.under(case, "navigator")
     driven = course.drive(plan)
     conduct = lockstep.run(plan)
     assert driven.score.hash.hexdigest() == conduct.score.hash.hexdigest()
@@ -135,13 +135,13 @@ def judged(
     half: bool = False,
 ) -> course.Run:
     case, last = corridor(places, half=half)
-    score = metrics.begin(cases.under(case, "extended"))
+    score = metrics.begin(cases.under(case, "navigator"))
     score.tick = 1000
     for row, tally in enumerate(score.tallies):
         tally.arrival_tick = 800 if row in arrived else None
         tally.alive, tally.killed = half or row > 0, row == 0 and not half
     watches = tuple(IN_TIME if row in said else NEVER for row in range(8))
-    return course.judge(Job(case, "extended"), Driven(score, 4, 0.001, watches, last))
+    return course.judge(Job(case, "navigator"), Driven(score, 4, 0.001, watches, last))
 
 
 def test_run_succeeds_when_a_closed_corridor_is_said_to_be_closed_by_all() -> None:
@@ -177,7 +177,7 @@ def test_who_came_on_lately_need_not_have_said_that_it_is_blocked() -> None:
 
 def test_run_is_settled_when_nobody_has_anything_to_do_any_more() -> None:
     case, _ = corridor([*BEFORE, *BEHIND], half=False)
-    score = metrics.begin(cases.under(case, "extended"))
+    score = metrics.begin(cases.under(case, "navigator"))
     score.tick = 1000
     watches = [Watch((0.0, 0.0), 0, 500, 500) for _ in score.tallies]
     assert stops.settled(watches, score)

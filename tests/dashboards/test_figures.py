@@ -31,8 +31,8 @@ FIGURES: dict[str, Callable[[Tracks], Figure]] = {
     "trajectories": figures.trajectories,
     "tracking": figures.tracking,
     "encounters": lambda path: figures.encounters({"one": path, "two": path, "three": path}),
-    "fields": lambda path: figures.fields([{"paper": path, "extended": path}] * 5),
-    "force_angles": lambda path: figures.force_angles({"paper": path, "extended": path}),
+    "fields": lambda path: figures.fields([{"paper": path, "navigator": path}] * 5),
+    "force_angles": lambda path: figures.force_angles({"paper": path, "navigator": path}),
 }
 
 

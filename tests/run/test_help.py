@@ -84,7 +84,7 @@ def test_verbs_about_a_running_swarm_fail_when_there_is_none(here: Here, verb: s
         ("run two-obstacles --sed 3", "--seed"),
         ("run two-obstacles --set fild.k_e=1", "did you mean 'field'?"),
         ("run two-obstacles --set field.k_ee=1", "did you mean 'k_e'?"),
-        ("run two-obstacles --set robot.controller=extendd", "did you mean 'extended'?"),
+        ("run two-obstacles --set robot.controller=navigatr", "did you mean 'navigator'?"),
         ("run two-obstacles --set robots.0.gaol=[1.0,2.0]", "did you mean 'goal'?"),
         ("run two-obstacles --fault kil:robot1@8", "did you mean 'kill'?"),
         ("bench barier", "did you mean 'barrier'?"),

@@ -285,7 +285,7 @@ def test_experiments_are_scenarios_that_decode_with_their_settings() -> None:
             assert before == (one.command, plan)  # a name means one run, whichever figure asks
     assert len({command for command, _ in plans.values()}) == len(plans)
     assert plans["single-robot-paper-5"][1].seed == 5
-    assert plans["star-mutual-extended"][1].field.k_e == encounters.MUTUAL_K_E
+    assert plans["star-mutual-paper"][1].field.k_e == encounters.MUTUAL_K_E
 
 
 def test_torque_figure_is_there_when_robots_can_have_torques() -> None:
@@ -385,6 +385,6 @@ def test_claim_that_is_not_met_is_exit_1_and_named(
     line = "reproduce fig11 --seeds 1 --bus memory --out out"
     done = processes.here(monkeypatch, capsys, folder, line)
     assert done.returncode == 1
-    assert done.stdout.count("NOT MET") == 3
-    assert "0 of 3 claims met, 3 runs" in done.stdout
-    assert (folder / "out" / "index.html").read_text("utf-8").count("NOT MET") == 6
+    assert done.stdout.count("NOT MET") == 2
+    assert "0 of 2 claims met, 2 runs" in done.stdout
+    assert (folder / "out" / "index.html").read_text("utf-8").count("NOT MET") == 4

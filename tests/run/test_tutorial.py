@@ -74,7 +74,7 @@ def test_tutorial_works_line_by_line_on_a_fresh_clone(clone: Path) -> None:
     }
     assert (clone / "agents" / "controllers" / "gap.py").exists()
     where = {path.name for path in (clone / "runs").iterdir()}
-    assert where == {"first", "crossing", "gap", "extended", "broken"}
+    assert where == {"first", "crossing", "gap", "built-in", "broken"}
     assert "equal" in printed[".venv/bin/swarm replay runs/gap"]
     assert (clone / "runs" / "gap" / "report.html").stat().st_size > 10_000
     swarm_of_clone = subprocess.run(

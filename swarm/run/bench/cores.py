@@ -24,11 +24,11 @@ FORMATION = "two-obstacles"
 ALONE = "single-robot"
 PASSES = 5
 
-# role -> robots in the run, budget of the extended controller's median
+# role -> robots in the run, budget of the navigator's median
 ROLES = {
-    "leader": (6, 100.0),
-    "follower FORM": (6, 150.0),
-    "follower AVOID": (6, 150.0),
+    "leader": (6, 250.0),
+    "follower FORM": (6, 250.0),
+    "follower AVOID": (6, 250.0),
     "alone": (1, 100.0),
     "with 20 neighbours": (21, 250.0),
 }
@@ -60,7 +60,7 @@ def step(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
     """
     rows: list[Row] = []
     ticks_max, passes = (TINY_TICKS, 1) if tiny else (TICKS_MAX, PASSES)
-    for controller in ("extended", "paper", "navigator"):
+    for controller in ("paper", "navigator"):
         progress(f"step: {controller}")
         spent_us: dict[str, list[float]] = {LOOP: []}
         for role, step_us in (
@@ -94,8 +94,7 @@ def step(*, tiny: bool, progress: Callable[[str], None]) -> tuple[Row, ...]:
 
 def _rehearsals(controller: Controller, ticks_max: int) -> Iterator[Rehearsal]:
     """Runs in which its roles occur, one after the other: each is large."""
-    names = (ALONE,) if controller == "navigator" else (FORMATION, ALONE)
-    for name in names:
+    for name in (FORMATION, ALONE):
         plan = rehearsal.built_in(name, settings=[f"robot.controller={controller}"])
         yield rehearsal.rehearse(plan, ticks_max)
     if controller == "navigator":

@@ -33,7 +33,7 @@ def bench(
         str | None, Option(metavar="A,B", help="navigation: which sizes of them: 50x16m2,16.")
     ] = None,
     controllers: Annotated[
-        str | None, Option(metavar="A,B", help="navigation: some of paper, extended, navigator.")
+        str | None, Option(metavar="A,B", help="navigation: some of paper, navigator.")
     ] = None,
     seeds: Annotated[
         str | None, Option(metavar="A-B", help="navigation: which instances of each family.")

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dashboards import figures
 from swarm.run.reproduce import claims, experiments
 from swarm.run.reproduce.claims import Run
-from swarm.run.reproduce.experiments import Claim, Experiment, Figure, Picture
+from swarm.run.reproduce.experiments import CONTROLLERS, Claim, Experiment, Figure, Picture
 
-CONTROLLERS = (*experiments.CONTROLLERS, "navigator")
 SEEDS = 8  # fields of Fig. 10; the paper shows one, of unknown obstacles
 
 

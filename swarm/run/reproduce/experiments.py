@@ -11,7 +11,7 @@ import msgspec
 
 from swarm.run.reproduce.claims import Measure, Run
 
-CONTROLLERS = ("paper", "extended")  # where both are asked
+CONTROLLERS = ("paper", "navigator")  # where both are asked
 
 Draw = Callable[[Sequence[Run]], bytes]  # a PNG
 

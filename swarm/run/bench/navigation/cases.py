@@ -14,7 +14,7 @@ import numpy as np
 from swarm import geometry
 from swarm.scenario import Obstacle, Point, RandomObstacles, Robot, RobotParameters, Scenario, Stage
 
-Controller = Literal["paper", "extended", "navigator"]
+Controller = Literal["paper", "navigator"]
 
 DT_S = 0.08  # of the neutral simulator, the paper and every built-in scenario
 STREAM_CASES = 2  # second half of the Philox key; the world's obstacles have the first

@@ -10,7 +10,7 @@ import msgspec
 from swarm.run.bench.figures import Machine
 from swarm.run.bench.navigation.cases import Controller
 from swarm.run.bench.navigation.course import Outcome, Run
-from swarm.run.bench.navigation.peers import EXPECTED, EXPECTED_NAVIGATOR, PEERS, Published
+from swarm.run.bench.navigation.peers import EXPECTED, PEERS, Published
 
 WORST_MAX = 2  # of a family under one controller
 SEVERITY: tuple[Outcome, ...] = ("crashed", "collided", "timeout", "blocked", "succeeded")
@@ -86,8 +86,8 @@ def row(runs: Sequence[Run], *, judged: bool) -> Row:
     clearances_m = _known(run.clearance_m for run in runs)
     scores = _known(run.score for run in runs)
     success = _share(runs, "succeeded")
-    table = {"extended": EXPECTED, "navigator": EXPECTED_NAVIGATOR}.get(first.controller, {})
-    expected = table.get((first.family, first.size)) if judged else None
+    judged = judged and first.controller == "navigator"
+    expected = EXPECTED.get((first.family, first.size)) if judged else None
     contact = any(run.outcome in ("collided", "crashed") for run in runs)
     return Row(
         family=first.family,
