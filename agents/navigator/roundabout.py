@@ -27,7 +27,7 @@ ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
 # Centre and radius follow what is seen of them by such parts in a tick: as soon as all turn,
 # straight ways tell little of the centre, and a radius that jumps as neighbours come into sight
 # and go breaks up the ring. Both are forgotten this long after the last conflict.
-FOLLOW, FOLLOW_RING = 0.0005, 0.02
+FOLLOW, FOLLOW_RING = 0.002, 0.05
 # Of a ring larger than this only an arc is in sight: what is seen tells more as it goes on.
 LARGE_M, FOLLOW_LARGE, RING_LARGE_M = 4.0, 0.01, 0.2
 MEMORY_S = 1.6
