@@ -26,9 +26,9 @@ PASSES = 5
 
 # role -> robots in the run, budget of the navigator's median
 ROLES = {
-    "leader": (6, 250.0),
-    "follower FORM": (6, 250.0),
-    "follower AVOID": (6, 250.0),
+    "leader": (6, 160.0),
+    "follower FORM": (6, 150.0),
+    "follower AVOID": (6, 210.0),
     "alone": (1, 100.0),
     "with 20 neighbours": (21, 250.0),
 }
