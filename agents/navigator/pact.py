@@ -45,6 +45,12 @@ PARTS = tuple([part / 20.0 for part in (20, 19, 18, 17, 16, 14, 12, 10, 8, 6, 4,
 # Kept between bodies over what errors ask for, by each of two.
 GAP_M = 0.02
 
+# Of what is free each may use its part, the one that drives towards the other more, but no more
+# than that; equal parts where neither is faster towards the other than the other by much.
+EVEN, MOST, EVEN_MPS = 0.5, 0.6, 0.1
+# Part of what is surely free that may be used, and that surely is left, when nothing was heard.
+LATE = (1.0 - MOST) / 2.0
+
 PROMISED, STATIC = 0.0, 1.0
 # Columns of a peer after those of `announce.path`
 AGE, KIND, FRESH, RADIUS = (announce.COLUMNS + column for column in range(4))
@@ -412,6 +418,7 @@ def admit(
         announce.path(peers[peer, : announce.COLUMNS], dt_s, age, place)
         back = age - 1
         known = on_way and back < sent_count
+        part = EVEN if static or sent_count == 0 else share(sent[0], peers[peer])
         for tick in range(ticks):
             if static:
                 x_m, y_m = place[tick, 0] - body[0], place[tick, 1] - body[1]
@@ -424,7 +431,7 @@ def admit(
             free_m = apart_m - peers[peer, announce.KEEP] - keeps_m[back if known else 0]
             free_m = max(0.0, free_m)
             if static or age == 1:
-                bounds[peer, tick] = 0.5 * free_m
+                bounds[peer, tick] = part * free_m
                 if apart_m > 0.0:
                     normals[peer, tick, 0] = x_m / apart_m
                     normals[peer, tick, 1] = y_m / apart_m
@@ -433,9 +440,9 @@ def admit(
                 if known and (peers[peer, FRESH] > 0.0 or slack[peer, tick] < 0.0):
                     late_m = min(free_m, FREE_M)
                     for _ in range(back):
-                        late_m *= 0.25
+                        late_m *= LATE
                     least_m = max(least_m, late_m)
-                bounds[peer, tick] = 0.25 * least_m
+                bounds[peer, tick] = LATE * least_m
 
     # Obstacles within reach of the fastest braking way.
     fastest_mps = faster * (max(abs(body[4]), abs(asked_v_mps)) + change[0])
@@ -529,6 +536,26 @@ def admit(
                 used_m += normals[peer, tick, 1] * (way[tick, 1] - own[0, tick, 1])
                 bound_m -= used_m
             slack[peer, tick] = max(0.0, bound_m)
+
+
+@compiled
+def share(mine: Floats, theirs: Floats) -> float:
+    """Part of what is free between two announced ways that the first one may use, of 1.
+
+    Whoever drives towards the other needs more of it than who drives away: a follower may come
+    nearer than two that meet. Both know both beacons, so the parts of both are 1 together.
+
+    Args:
+        mine, theirs: (COLUMNS,) of `announce.path`, announced in the same tick.
+    """
+    x_m, y_m = theirs[0] - mine[0], theirs[1] - mine[1]
+    apart_m = np.sqrt(x_m * x_m + y_m * y_m)
+    if apart_m <= 0.0:
+        return EVEN
+    here_mps = mine[4] * (mine[2] * x_m + mine[3] * y_m) / apart_m
+    there_mps = -theirs[4] * (theirs[2] * x_m + theirs[3] * y_m) / apart_m
+    here_mps, there_mps = max(0.0, here_mps) + EVEN_MPS, max(0.0, there_mps) + EVEN_MPS
+    return float(max(1.0 - MOST, min(MOST, here_mps / (here_mps + there_mps))))
 
 
 @compiled

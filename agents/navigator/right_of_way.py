@@ -47,6 +47,7 @@ class Course(msgspec.Struct, frozen=True):
     yields_to: Name | None = None
     waits: bool = False  # beside the mouth of a gap
     own: bool = True  # the direction is that of its own way
+    share: float = 1.0  # of the speed: the rest leaves room to who is ahead on a roundabout
 
 
 def step(
@@ -117,7 +118,7 @@ def step(
     stuck_ = stuck.step(
         state.stuck, position, aim.distance_m, elapsed_s, free=free and len(peers) > 0
     )
-    circle, round_ = state.roundabout, False
+    circle, round_, share = state.roundabout, False, 1.0
     if stuck_.escape_s > 0.0:
         direction_rad, own = wrap_angle(direction_rad + stuck_.turn_rad()), False
     elif (
@@ -125,7 +126,7 @@ def step(
         and speed_mps > roundabout.SPEED_MIN * robot.speed_mps_max
         and "roundabout" not in setup.navigator.without
     ):
-        circle, turned_rad = roundabout.step(
+        circle, turned_rad, share = roundabout.step(
             circle,
             position,
             target,
@@ -139,7 +140,9 @@ def step(
             direction_rad, round_, own = turned_rad, True, False
     active = stuck_.escape_s <= 0.0 and not waits
     state = State(circle, stuck_, gap)
-    return state, Course(direction_rad, speed_mps, target, active, round_, yields_to, waits, own)
+    return state, Course(
+        direction_rad, speed_mps, target, active, round_, yields_to, waits, own, share
+    )
 
 
 def assign(rule: gaps.Rule, peers: Floats, seen: Sequence[Peer]) -> None:

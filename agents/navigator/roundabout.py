@@ -9,7 +9,7 @@ Nobody agrees with anybody: all see about the same conflicts, and so about the s
 from __future__ import annotations
 
 from itertools import pairwise
-from math import atan2, cos, pi, sin, sqrt
+from math import asin, atan2, cos, pi, sin, sqrt
 
 import msgspec
 import numpy as np
@@ -22,14 +22,15 @@ HORIZON_S = 8.0  # of conflicts
 SPACING_M = 0.2  # hull to hull: less at the closest approach is a conflict
 # A small ring is made wider by this much between neighbours, who then keep their order on it.
 WIDE_M, SMALL_M = 0.1, 1.8
-RING_M = 0.23
+RING_M = 0.2
 ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
 # Centre and radius follow what is seen of them by such parts in a tick: as soon as all turn,
 # straight ways tell little of the centre, and a radius that jumps as neighbours come into sight
 # and go breaks up the ring. Both are forgotten this long after the last conflict.
 FOLLOW, FOLLOW_RING = 0.002, 0.05
+FEW = 4.0
 # Of a ring larger than this only an arc is in sight: what is seen tells more as it goes on.
-LARGE_M, FOLLOW_LARGE, RING_LARGE_M = 4.0, 0.01, 0.2
+LARGE_M, FOLLOW_LARGE, RING_LARGE_M = 4.0, 0.003, 0.2
 MEMORY_S = 1.6
 RADIUS_M_MAX = 8.0
 LONE_GAP = 1.6  # a gap this many times the mean one is not part of the ring
@@ -37,6 +38,7 @@ BEYOND_S = 1.5  # a conflict so soon before either arrives is not one to go roun
 CLEAR_SHARE = 0.95  # of the way to the ring: a goal that is no nearer to the centre is this side
 INSIDE_RAD_MAX = 0.6  # inside the circle it goes outwards by this at most
 LEAVE_RAD = 0.6 * pi  # a goal further left of the centre than this is not beyond it
+ZIP = 1.0
 SPEED_MIN = 0.3  # of the top speed; slower robots do not go round
 
 
@@ -46,6 +48,7 @@ class State(msgspec.Struct, frozen=True):
     centre: Vec2 | None = None  # m, world
     idle_s: float = 0.0  # since the last conflict
     ring_m: float = 0.0  # radius; 0: not known yet
+    most: int = 0  # conflicts at once
 
 
 def step(
@@ -57,7 +60,7 @@ def step(
     radius_m: float,
     peers: Floats,
     elapsed_s: float,
-) -> tuple[State, float | None]:
+) -> tuple[State, float | None, float]:
     """Direction round the centre, None where the way is not round it.
 
     Args:
@@ -67,27 +70,29 @@ def step(
         peers: rows of `table`.
     """
     if not len(peers) and state.centre is None:
-        return state, None
+        return state, None, 1.0
     to_x, to_y = target[0] - position[0], target[1] - position[1]
     met = np.zeros(len(peers))
     found = np.zeros(5)
     if len(peers):
         conflicts(to_x, to_y, speed_mps, radius_m, peers, met, found)
+    most = max(state.most, int(found[0]))
+    steady = min(1.0, FEW / max(1, most)) ** 2
     if found[0] > 0.0:
         seen = (position[0] + float(found[1]), position[1] + float(found[2]))
         if state.centre is None:
             centre = seen
         else:
-            follow = FOLLOW_LARGE if state.ring_m > LARGE_M else FOLLOW
+            follow = FOLLOW_LARGE if state.ring_m > LARGE_M else FOLLOW * steady
             centre = (
                 state.centre[0] + follow * (seen[0] - state.centre[0]),
                 state.centre[1] + follow * (seen[1] - state.centre[1]),
             )
-        state = State(centre, ring_m=state.ring_m)
+        state = State(centre, ring_m=state.ring_m, most=most)
     elif state.centre is None or state.idle_s + elapsed_s > MEMORY_S:
-        return State(), None
+        return State(), None, 1.0
     else:
-        state = State(state.centre, state.idle_s + elapsed_s, state.ring_m)
+        state = State(state.centre, state.idle_s + elapsed_s, state.ring_m, most)
     assert state.centre is not None
     x_m, y_m = state.centre[0] - position[0], state.centre[1] - position[1]
     away_m = length(x_m, y_m)
@@ -102,8 +107,9 @@ def step(
         ring_m = radius(bearings, spacing_m + RING_LARGE_M - RING_M)
     if len(bearings) > 1:  # else nobody is in the way any more: the ring may be left
         if state.ring_m > 0.0 and max(state.ring_m, ring_m) <= LARGE_M:
-            ring_m = state.ring_m + FOLLOW_RING * (ring_m - state.ring_m)
+            ring_m = state.ring_m + FOLLOW_RING * steady * (ring_m - state.ring_m)
         state = msgspec.structs.replace(state, ring_m=ring_m)
+    share = zipped(bearings, spacing_m, ring_m)
     centre_rad = atan2(y_m, x_m)
     if away_m > ring_m:
         tangent_rad = atan2(ring_m, sqrt(away_m * away_m - ring_m * ring_m))
@@ -117,10 +123,21 @@ def step(
         goal_x, goal_y = to_x - x_m, to_y - y_m
         nearest_m = away_m if ahead_m <= 0.0 else length(goal_x, goal_y)
         if (ahead_m <= 0.0 or ahead_m >= goal_m) and nearest_m >= CLEAR_SHARE * min(ring_m, away_m):
-            return state, None
+            return state, None, 1.0
     if -tangent_rad < aside_rad < LEAVE_RAD:
-        return state, wrap_angle(centre_rad - tangent_rad)
-    return state, None
+        return state, wrap_angle(centre_rad - tangent_rad), share
+    return state, None, 1.0
+
+
+def zipped(bearings: list[float], spacing_m: float, ring_m: float) -> float:
+    """Share of the speed at which the next one ahead is left its room on the ring.
+
+    Args:
+        bearings: round the centre, the own one first.
+    """
+    needed_rad = 2.0 * asin(min(1.0, spacing_m / (2.0 * ring_m)))
+    ahead_rad = min([(other - bearings[0]) % (2.0 * pi) for other in bearings[1:]], default=pi)
+    return 1.0 - ZIP * max(0.0, 1.0 - ahead_rad / needed_rad)
 
 
 def radius(bearings: list[float], spacing_m: float) -> float:
