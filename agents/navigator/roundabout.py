@@ -37,6 +37,11 @@ BEYOND_S = 1.5  # a conflict so soon before either arrives is not one to go roun
 CLEAR_SHARE = 0.95  # of the way to the ring: a goal that is no nearer to the centre is this side
 INSIDE_RAD_MAX = 0.6  # inside the circle it goes outwards by this at most
 LEAVE_RAD = 0.6 * pi  # a goal further left of the centre than this is not beyond it
+# Conflicts further off the centre than its ring, or so much, are others than it is for.
+STRAY_M = 1.0
+# On a ring nobody goes away from its goal by more than little: one that asks for that is not round
+# what lies between, and leads astray.
+TURN_RAD_MAX = 95.0 * pi / 180.0
 SPEED_MIN = 0.3  # of the top speed; slower robots do not go round
 
 
@@ -75,15 +80,20 @@ def step(
         conflicts(to_x, to_y, speed_mps, radius_m, peers, met, found)
     if found[0] > 0.0:
         seen = (position[0] + float(found[1]), position[1] + float(found[2]))
-        if state.centre is None:
-            centre = seen
+        idle_s = 0.0
+        if state.centre is not None and strays(state.centre, seen, state.ring_m):
+            idle_s = state.idle_s + elapsed_s
+        if state.centre is None or idle_s > MEMORY_S:
+            state, centre, idle_s = State(), seen, 0.0
+        elif idle_s > 0.0:
+            centre = state.centre
         else:
             follow = FOLLOW_LARGE if state.ring_m > LARGE_M else FOLLOW
             centre = (
                 state.centre[0] + follow * (seen[0] - state.centre[0]),
                 state.centre[1] + follow * (seen[1] - state.centre[1]),
             )
-        state = State(centre, ring_m=state.ring_m)
+        state = State(centre, idle_s, state.ring_m)
     elif state.centre is None or state.idle_s + elapsed_s > MEMORY_S:
         return State(), None
     else:
@@ -118,9 +128,14 @@ def step(
         nearest_m = away_m if ahead_m <= 0.0 else length(goal_x, goal_y)
         if (ahead_m <= 0.0 or ahead_m >= goal_m) and nearest_m >= CLEAR_SHARE * min(ring_m, away_m):
             return state, None
-    if -tangent_rad < aside_rad < LEAVE_RAD:
+    if -tangent_rad < aside_rad < min(LEAVE_RAD, TURN_RAD_MAX - tangent_rad):
         return state, wrap_angle(centre_rad - tangent_rad)
     return state, None
+
+
+def strays(centre: Vec2, seen: Vec2, ring_m: float) -> bool:
+    """Whether conflicts are not those that a remembered centre is for: seen too far off it."""
+    return length(seen[0] - centre[0], seen[1] - centre[1]) > max(ring_m, STRAY_M)
 
 
 def radius(bearings: list[float], spacing_m: float) -> float:
