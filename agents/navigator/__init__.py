@@ -122,6 +122,10 @@ def step(
     more_m = 2.0 * estimate.error_m(setup)  # the guard keeps them so much further off
     if len(rows):
         rows[:, table.RADIUS] += more_m
+        if not state.parked:
+            to_m, _ = target_of(setup, state)
+            to_go_m = geometry.length(to_m[0] - frame.pose.x_m, to_m[1] - frame.pose.y_m)
+            table.prefer_nearer(rows, to_go_m, setup.robot.speed_mps_max)
     after_s = late.late_ticks * setup.dt_s
     moving = movers.as_peers(state.movers, frame.pose.x_m, frame.pose.y_m, after_s)
     if len(rows):

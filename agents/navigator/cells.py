@@ -34,6 +34,8 @@ RIGHT_COST, RIGHT_RAD = 0.5, 0.8  # of going left when somebody comes
 MEET_S = 4.0  # so soon
 CHANGE_COST = 0.1
 TURN_COST = 0.1
+# In directions that bring it near to its goal the robot stops there: square of that cosine.
+TO_GOAL = 0.5
 TIE = 1e-9
 
 
@@ -74,6 +76,7 @@ def choose(
     parked: bool,
     slow_mps: float,
     free_m: float = 0.0,
+    goal: Vec2 = (0.0, 0.0),
 ) -> Choice:
     """Cheapest cell.
 
@@ -85,6 +88,7 @@ def choose(
         points: (n, 2) m from here, world axes: obstacles.
         slow_mps: no cell is faster.
         free_m: straight on, the way is known to be free as far as this.
+        goal: m from here, world axes: where it stops; (0, 0) if it goes on from there.
     """
     found = np.zeros(3)
     least(
@@ -105,6 +109,8 @@ def choose(
         keeps_right,
         min(slow_mps, PARKED_SPEED * speed_mps_max) if parked else slow_mps,
         free_m,
+        goal[0],
+        goal[1],
         PARKED_PEER_S if parked else PEER_S,
         found,
     )
@@ -145,6 +151,24 @@ def peer_s(
 
 
 @compiled
+def stands(row: Floats) -> bool:
+    """Whether a peer means to stay where it is."""
+    return bool(row[table.U_X] == 0.0 and row[table.U_Y] == 0.0)
+
+
+@compiled
+def beyond_s(u_x: float, u_y: float, end_s: float, radius_m: float, row: Floats) -> float:
+    """When a peer that stands comes too near to a robot that stops after `end_s`, inf if never."""
+    touch_m = radius_m + row[table.RADIUS]
+    keep_m = touch_m + PEER_M
+    apart2_m2 = row[table.X] * row[table.X] + row[table.Y] * row[table.Y]
+    if apart2_m2 < keep_m * keep_m:
+        keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2) - NEARER_M)
+    after_s = contact_s(row[table.X], row[table.Y], u_x, u_y, keep_m)
+    return after_s if after_s < end_s else np.inf
+
+
+@compiled
 def free_along(points: Floats, unit_x: float, unit_y: float, strip_m: float) -> float:
     """How far a strip in some direction is free of points, m, inf where it has none."""
     free_m = np.inf
@@ -178,6 +202,8 @@ def least(
     keeps_right: bool,
     slow_mps: float,
     known_m: float,
+    goal_x: float,
+    goal_y: float,
     ahead_s: float,
     found: Floats,
 ) -> None:
@@ -185,6 +211,7 @@ def least(
 
     Args:
         turn_rad: from the heading to the way.
+        goal_x, goal_y: m from here to where it stops; zero if it goes on from there.
         ahead_s: contacts with peers after this do not matter.
         found: (3,) filled.
     """
@@ -224,6 +251,9 @@ def least(
         free_m = -1.0  # looked for where a cell might be the cheapest
         if index == units.shape[0] // 2 and known_m > 0.0:
             free_m = np.inf
+        end_m = goal_x * unit_x + goal_y * unit_y  # how far it goes at all
+        if end_m <= 0.0 or end_m * end_m < TO_GOAL * (goal_x * goal_x + goal_y * goal_y):
+            end_m = np.inf
         off_rad = (index - units.shape[0] // 2) * STEP_RAD
         left = min(1.0, off_rad / RIGHT_RAD) if right and off_rad > 0.0 else 0.0
         turned_rad = abs(turn_rad + off_rad)
@@ -260,6 +290,8 @@ def least(
                 if peers[row, table.RISK] <= 0.0:
                     continue
                 after_s = peer_s(u_x, u_y, said_x, said_y, radius_m, peers[row])
+                if after_s < ahead_s and end_m < np.inf and stands(peers[row]):
+                    after_s = beyond_s(u_x, u_y, end_m / u_mps, radius_m, peers[row])
                 if after_s < ahead_s:
                     soon = ahead_s / max(after_s, 1e-3) - 1.0
                     risk = max(risk, min(CONTACT_COST_MAX, soon))

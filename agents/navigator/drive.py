@@ -7,7 +7,7 @@ from math import atan2, cos, pi, sqrt
 import msgspec
 
 from agents import steering
-from agents.navigator import cells, forces, right_of_way
+from agents.navigator import cells, forces, right_of_way, table
 from agents.navigator.aim import Aim
 from agents.navigator.state import State
 from agents.steering import Wish
@@ -49,7 +49,7 @@ def choose(
             course.speed_mps,
             frame.pose.yaw_rad,
             state.chosen,
-            state.intent.velocity,
+            table.believed(state.intent.velocity, frame.twist.speed_mps),
             robot.body_radius_m,
             robot.speed_mps_max,
             rows,
@@ -60,6 +60,9 @@ def choose(
             free_m=geometry.length(aim.subgoal[0] - frame.pose.x_m, aim.subgoal[1] - frame.pose.y_m)
             if course.own
             else 0.0,
+            goal=(course.target[0] - frame.pose.x_m, course.target[1] - frame.pose.y_m)
+            if aim.is_last
+            else (0.0, 0.0),
         )
     unit = geometry.unit(choice.direction_rad)
     u_mps = choice.speed_mps

@@ -126,7 +126,7 @@ def step(
         and speed_mps > roundabout.SPEED_MIN * robot.speed_mps_max
         and "roundabout" not in setup.navigator.without
     ):
-        circle, turned_rad, share = roundabout.step(
+        circle, turn = roundabout.step(
             circle,
             position,
             target,
@@ -136,8 +136,8 @@ def step(
             peers,
             elapsed_s,
         )
-        if turned_rad is not None:
-            direction_rad, round_, own = turned_rad, True, False
+        if turn is not None:
+            direction_rad, share, round_, own = turn.direction_rad, turn.share, True, False
     active = stuck_.escape_s <= 0.0 and not waits
     state = State(circle, stuck_, gap)
     return state, Course(

@@ -28,9 +28,10 @@ ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
 # straight ways tell little of the centre, and a radius that jumps as neighbours come into sight
 # and go breaks up the ring. Both are forgotten this long after the last conflict.
 FOLLOW, FOLLOW_RING = 0.002, 0.05
-FEW = 4.0
+# Where more than so many conflict at once they follow less, by the square of how many more.
+FEW = 4
 # Of a ring larger than this only an arc is in sight: what is seen tells more as it goes on.
-LARGE_M, FOLLOW_LARGE, RING_LARGE_M = 4.0, 0.003, 0.2
+LARGE_M, FOLLOW_LARGE = 4.0, 0.003
 MEMORY_S = 1.6
 RADIUS_M_MAX = 8.0
 LONE_GAP = 1.6  # a gap this many times the mean one is not part of the ring
@@ -38,7 +39,12 @@ BEYOND_S = 1.5  # a conflict so soon before either arrives is not one to go roun
 CLEAR_SHARE = 0.95  # of the way to the ring: a goal that is no nearer to the centre is this side
 INSIDE_RAD_MAX = 0.6  # inside the circle it goes outwards by this at most
 LEAVE_RAD = 0.6 * pi  # a goal further left of the centre than this is not beyond it
-ZIP = 1.0
+# Conflicts further off the centre than its ring, or so much, are others than it is for.
+STRAY_M = 1.0
+# On a ring nobody goes away from its goal by more than little: one that asks for that is not round
+# what lies between, and leads astray.
+TURN_RAD_MAX = 95.0 * pi / 180.0
+SHARE_MIN = 0.4  # of its speed that a robot keeps whoever is ahead: that one may stand
 SPEED_MIN = 0.3  # of the top speed; slower robots do not go round
 
 
@@ -48,7 +54,14 @@ class State(msgspec.Struct, frozen=True):
     centre: Vec2 | None = None  # m, world
     idle_s: float = 0.0  # since the last conflict
     ring_m: float = 0.0  # radius; 0: not known yet
-    most: int = 0  # conflicts at once
+    most: int = 0  # conflicts at once since it is kept in mind
+
+
+class Turn(msgspec.Struct, frozen=True):
+    """How to go round."""
+
+    direction_rad: float  # world
+    share: float  # of the speed
 
 
 def step(
@@ -60,8 +73,8 @@ def step(
     radius_m: float,
     peers: Floats,
     elapsed_s: float,
-) -> tuple[State, float | None, float]:
-    """Direction round the centre, None where the way is not round it.
+) -> tuple[State, Turn | None]:
+    """How to go round the centre, None where the way is not round it.
 
     Args:
         target: m, world: what this robot announces as its own.
@@ -70,29 +83,32 @@ def step(
         peers: rows of `table`.
     """
     if not len(peers) and state.centre is None:
-        return state, None, 1.0
+        return state, None
     to_x, to_y = target[0] - position[0], target[1] - position[1]
     met = np.zeros(len(peers))
     found = np.zeros(5)
     if len(peers):
         conflicts(to_x, to_y, speed_mps, radius_m, peers, met, found)
-    most = max(state.most, int(found[0]))
-    steady = min(1.0, FEW / max(1, most)) ** 2
     if found[0] > 0.0:
         seen = (position[0] + float(found[1]), position[1] + float(found[2]))
-        if state.centre is None:
-            centre = seen
+        idle_s = 0.0
+        if state.centre is not None and strays(state.centre, seen, state.ring_m):
+            idle_s = state.idle_s + elapsed_s
+        if state.centre is None or idle_s > MEMORY_S:
+            state, centre, idle_s = State(), seen, 0.0
+        elif idle_s > 0.0:
+            centre = state.centre
         else:
-            follow = FOLLOW_LARGE if state.ring_m > LARGE_M else FOLLOW * steady
+            follow = FOLLOW_LARGE if state.ring_m > LARGE_M else FOLLOW * steady(state.most)
             centre = (
                 state.centre[0] + follow * (seen[0] - state.centre[0]),
                 state.centre[1] + follow * (seen[1] - state.centre[1]),
             )
-        state = State(centre, ring_m=state.ring_m, most=most)
+        state = State(centre, idle_s, state.ring_m, max(state.most, int(found[0])))
     elif state.centre is None or state.idle_s + elapsed_s > MEMORY_S:
-        return State(), None, 1.0
+        return State(), None
     else:
-        state = State(state.centre, state.idle_s + elapsed_s, state.ring_m, most)
+        state = State(state.centre, state.idle_s + elapsed_s, state.ring_m, state.most)
     assert state.centre is not None
     x_m, y_m = state.centre[0] - position[0], state.centre[1] - position[1]
     away_m = length(x_m, y_m)
@@ -103,13 +119,10 @@ def step(
         spacing_m = max(spacing_m, radius_m + float(peers[row, table.RADIUS]) + RING_M)
     ring_m = radius(bearings, spacing_m)
     ring_m = max(ring_m, min(radius(bearings, spacing_m + WIDE_M), SMALL_M))
-    if ring_m > LARGE_M:
-        ring_m = radius(bearings, spacing_m + RING_LARGE_M - RING_M)
     if len(bearings) > 1:  # else nobody is in the way any more: the ring may be left
         if state.ring_m > 0.0 and max(state.ring_m, ring_m) <= LARGE_M:
-            ring_m = state.ring_m + FOLLOW_RING * steady * (ring_m - state.ring_m)
+            ring_m = state.ring_m + FOLLOW_RING * steady(state.most) * (ring_m - state.ring_m)
         state = msgspec.structs.replace(state, ring_m=ring_m)
-    share = zipped(bearings, spacing_m, ring_m)
     centre_rad = atan2(y_m, x_m)
     if away_m > ring_m:
         tangent_rad = atan2(ring_m, sqrt(away_m * away_m - ring_m * ring_m))
@@ -123,21 +136,35 @@ def step(
         goal_x, goal_y = to_x - x_m, to_y - y_m
         nearest_m = away_m if ahead_m <= 0.0 else length(goal_x, goal_y)
         if (ahead_m <= 0.0 or ahead_m >= goal_m) and nearest_m >= CLEAR_SHARE * min(ring_m, away_m):
-            return state, None, 1.0
-    if -tangent_rad < aside_rad < LEAVE_RAD:
-        return state, wrap_angle(centre_rad - tangent_rad), share
-    return state, None, 1.0
+            return state, None
+    if -tangent_rad < aside_rad < min(LEAVE_RAD, TURN_RAD_MAX - tangent_rad):
+        share = zipped(bearings, spacing_m, ring_m)
+        return state, Turn(wrap_angle(centre_rad - tangent_rad), share)
+    return state, None
 
 
 def zipped(bearings: list[float], spacing_m: float, ring_m: float) -> float:
-    """Share of the speed at which the next one ahead is left its room on the ring.
+    """Share of its speed at which a robot leaves its room to who is next ahead on the ring.
+
+    Whoever has too little of it falls back until it has enough, and leaves a place to those who
+    are beside it and further out: otherwise nobody makes way for them, and they go round outside.
 
     Args:
         bearings: round the centre, the own one first.
     """
     needed_rad = 2.0 * asin(min(1.0, spacing_m / (2.0 * ring_m)))
     ahead_rad = min([(other - bearings[0]) % (2.0 * pi) for other in bearings[1:]], default=pi)
-    return 1.0 - ZIP * max(0.0, 1.0 - ahead_rad / needed_rad)
+    return max(SHARE_MIN, min(1.0, ahead_rad / needed_rad))
+
+
+def steady(most: int) -> float:
+    """How much centre and radius of a ring follow what is seen: the more are on it the less."""
+    return min(1.0, FEW / max(1, most)) ** 2
+
+
+def strays(centre: Vec2, seen: Vec2, ring_m: float) -> bool:
+    """Whether conflicts are not those that a remembered centre is for: seen too far off it."""
+    return length(seen[0] - centre[0], seen[1] - centre[1]) > max(ring_m, STRAY_M)
 
 
 def radius(bearings: list[float], spacing_m: float) -> float:

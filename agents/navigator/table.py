@@ -11,7 +11,7 @@ import numpy as np
 
 from agents import peers
 from agents.peers import Peer
-from swarm.geometry import Floats
+from swarm.geometry import Floats, Vec2, length
 
 SIGHT_M = 5.5  # who is further away does not matter yet
 
@@ -25,6 +25,12 @@ LAWLESS = 2.0
 SHARE_OPEN = 0.5  # both give way alike
 SHARE_PARKED = 0.6  # one that stands at its goal makes room, but less
 SHARE_OTHERS = 0.8  # other controllers make little room
+# Who gets to its goal sooner is soon out of the way: it makes way by less than half, the other by
+# as much more. By how much less at most, and the time below which both are about there.
+SHARE_SOONER, ABOUT_S = 0.25, 1.0
+# All announce their top speed, also when the guard holds them: how much of it is believed of one
+# that stands. Were it all, it would be fled from as if it came on.
+BELIEVED = 0.5
 
 
 def of(others: Sequence[Peer], x_m: float, y_m: float) -> tuple[Floats, list[Peer]]:
@@ -39,7 +45,7 @@ def of(others: Sequence[Peer], x_m: float, y_m: float) -> tuple[Floats, list[Pee
             u_x, u_y = peer.velocity()
             target, active, share = None, 0.0, SHARE_OTHERS
         else:
-            u_x, u_y = intent.velocity
+            u_x, u_y = believed(intent.velocity, beacon.twist.speed_mps)
             target, active = intent.target, 1.0 if intent.active else 0.0
             share = SHARE_PARKED if beacon.arrived else SHARE_OPEN
         if target is None:
@@ -54,3 +60,27 @@ def of(others: Sequence[Peer], x_m: float, y_m: float) -> tuple[Floats, list[Pee
             )
         )
     return (np.array(rows) if rows else np.empty((0, COLUMNS))), seen
+
+
+def believed(velocity: Vec2, speed_mps: float) -> Vec2:
+    """m/s, world: what to expect of an announced velocity at a measured speed."""
+    most_mps = length(*velocity)
+    if most_mps <= abs(speed_mps):
+        return velocity
+    share = BELIEVED + (1.0 - BELIEVED) * abs(speed_mps) / most_mps
+    return share * velocity[0], share * velocity[1]
+
+
+def prefer_nearer(rows: Floats, distance_m: float, speed_mps: float) -> None:
+    """Share giving way by who gets to its target sooner: the two shares add up to one.
+
+    Args:
+        rows: shares of those on their way are filled in.
+        distance_m, speed_mps: of this robot to its target, and its top speed.
+    """
+    mine_s = distance_m / speed_mps
+    for row in rows:
+        if row[ACTIVE] > 0.0 and row[SHARE] == SHARE_OPEN:
+            away_m = length(row[TARGET_X] - row[X], row[TARGET_Y] - row[Y])
+            theirs_s = away_m / row[SPEED]
+            row[SHARE] += SHARE_SOONER * (mine_s - theirs_s) / (mine_s + theirs_s + ABOUT_S)

@@ -232,7 +232,7 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
         (
             *(0.6, 0.8, 1.0, 0.4, 0.5, 0.1, 0.9, 0.1, 0.2, 1.0),
             *(peers_rows(), RANDOM.uniform(-2.0, 2.0, (40, 2)), cells.UNITS, cells.SPEEDS),
-            *(True, 1.0, 0.0, 2.5, np.zeros(3)),
+            *(True, 1.0, 0.0, 0.7, 0.5, 2.5, np.zeros(3)),
         ),
     ),
 ]
