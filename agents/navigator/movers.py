@@ -131,6 +131,7 @@ def step(
     unsure_m = 3.0 * (
         noise.range_sigma_m + 2.0 * noise.position_sigma_m + 4.0 * noise.yaw_sigma_rad
     )
+    unsure_m += noise.drift_m_per_m * setup.robot.speed_mps_max * SCANS * setup.dt_s
     range_m, more_m = setup.sensor.range_m, setup.msam.peer_tolerance_per_missed_tick_m
     bodies = _NO_BODIES
     if others and (
