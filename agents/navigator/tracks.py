@@ -159,10 +159,12 @@ def follow(
             track[MOVES] = 1.0
     # Those not seen go on.
     for index in range(known):
-        if taken[index] or count >= TRACKS_MAX:
+        if taken[index]:
             continue
         missed = tracks[index, MISSED] + 1.0
         moves = tracks[index, MOVES] > 0.0
+        if count >= TRACKS_MAX and not moves:
+            continue
         if missed > (LOST_TICKS if moves else GONE_TICKS):
             continue
         at_x = tracks[index, X] + elapsed_s * tracks[index, V_X]
@@ -177,7 +179,17 @@ def follow(
         track[X], track[Y], track[MISSED] = at_x, at_y, missed
         for place in range(int(track[COUNT])):
             track[PLACES + 3 * place] += elapsed_s
-    return result[: min(count, TRACKS_MAX)]
+    if count <= TRACKS_MAX:
+        return result[:count]
+    # What moves is never forgotten for the sake of what stands.
+    kept = np.empty((TRACKS_MAX, COLUMNS))
+    chosen = 0
+    for moves in (True, False):
+        for index in range(count):
+            if (result[index, MOVES] > 0.0) == moves and chosen < TRACKS_MAX:
+                kept[chosen] = result[index]
+                chosen += 1
+    return kept
 
 
 @compiled

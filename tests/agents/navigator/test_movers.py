@@ -242,6 +242,27 @@ def test_what_stands_does_not_move_as_a_peer_uncovers_it(speed_mps: float, sigma
         assert max(among([peer], standing, 40, sigma_m)) == 0
 
 
+@pytest.mark.parametrize("missed", [0.0, 5.0])
+def test_what_moves_is_not_forgotten_among_many_that_stand(missed: float) -> None:
+    """Unseen for a moment behind one of them, as far as it is known."""
+    many = tracks.TRACKS_MAX
+    mover = np.zeros((1, tracks.COLUMNS))
+    mover[0, [tracks.X, tracks.V_Y, tracks.RADIUS, tracks.MOVES]] = (2.0, 0.5, 0.25, 1.0)
+    mover[0, [tracks.COUNT, tracks.MISSED]] = (5.0, missed)
+    found = np.zeros((many, segments.COLUMNS))
+    for number in range(many):
+        found[number, : segments.RANGE] = geometry.unit(0.5 + 0.1 * number)
+        found[number, [segments.RANGE, segments.SIZE]] = (4.0, 0.1)
+    rays, nothing = memory.beams(scenes.BEAMS), np.empty(0)
+    raw_m = np.full(scenes.BEAMS, 1.0)  # something is in front of it
+    known = tracks.follow(
+        mover, np.zeros((1, tracks.FIT_COLUMNS)), found, raw_m, rays.units, rays.bounds,
+        *STILL_HERE, 0.029, scenes.DT_S, 0.0, nothing, np.zeros(4),
+    )  # fmt: skip
+    assert len(known) == many
+    assert known[:, tracks.MOVES].tolist() == [1.0] + [0.0] * (many - 1)
+
+
 def test_memory_forgets_what_lies_in_discs() -> None:
     setup = setup_of()
     rules = law(setup.navigator, setup.robot.body_radius_m)
