@@ -91,7 +91,8 @@ def segments(
         # Nothing nearer may hide a part of it, nor may it reach out of sight.
         before = first - 1 if first > 0 else beams - 1
         after = last + 1 if last + 1 < beams else 0
-        if raw_m[before] < hits_m[first] or raw_m[after] < hits_m[last] or touches:
+        hidden = not (raw_m[before] >= hits_m[first] and raw_m[after] >= hits_m[last])
+        if hidden or touches:  # or nothing is known of a beam beside it
             if not _arc(hits_m, units, first, width, unsure_m, arc):
                 continue
             radius_m = arc[2]

@@ -242,6 +242,22 @@ def test_what_stands_does_not_move_as_a_peer_uncovers_it(speed_mps: float, sigma
         assert max(among([peer], standing, 40, sigma_m)) == 0
 
 
+@pytest.mark.parametrize("half", [0, 1])
+def test_a_body_is_as_large_as_it_is_where_half_of_it_is_unknown(half: int) -> None:
+    hits_m = scenes.scan([(1.5, 0.0, 0.3)], scenes.ORIGIN).astype(np.float64)
+    on = np.flatnonzero(np.isfinite(hits_m))
+    unknown = on[: len(on) // 2] if half else on[len(on) // 2 :]
+    raw_m = np.minimum(hits_m, scenes.RANGE_M)
+    raw_m[unknown], hits_m[unknown] = np.nan, inf
+    units, nobody = memory.beams(scenes.BEAMS).units, np.empty((0, 3))
+    found = segments.segments(
+        raw_m, hits_m, units, *STILL_HERE, 0.9999, 0.0145, nobody, 0.0, scenes.RANGE_M
+    )
+    assert len(found) == 1
+    assert found[0, segments.SIZE] == pytest.approx(0.3, abs=0.01)
+    assert found[0, segments.RANGE] == pytest.approx(1.2, abs=0.01)
+
+
 @pytest.mark.parametrize("missed", [0.0, 5.0])
 def test_what_moves_is_not_forgotten_among_many_that_stand(missed: float) -> None:
     """Unseen for a moment behind one of them, as far as it is known."""
