@@ -123,7 +123,7 @@ def step(setup: RobotSetup, state: State, frame: SensorFrame) -> tuple[State, Co
         declared = setup.disturbance.latency_ticks
         late = lateness.step(late, frame.twist, frame.tick - state.tick, declared)
     drives = role_of(setup, state) == "alone" and setup.robot.controller == "navigator"
-    if drives:
+    if drives or (role_of(setup, state) != "alone" and navigates(setup)):
         navigating, frame = navigator.locate(setup, state.navigating, frame)
         state = msgspec.structs.replace(state, navigating=navigating)
 

@@ -354,6 +354,10 @@ class Disturbance(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     # of the pose in the frame, in each coordinate and in yaw; the body is where it is
     position_sigma_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     yaw_sigma_rad: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    # and its position creeps away by this share of the way, wherever to, until something else
+    # keeps it to the bound; a goal is then found so much beside where it is
+    drift_m_per_m: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.0
+    drift_m_max: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.0
     # motors take a set-point so many ticks later; beacons are not late
     latency_ticks: Annotated[int, Meta(ge=0, le=4)] = 0
     # the body goes and turns (1 + e) times as fast as its wheels say, e this or minus this: one of
@@ -366,6 +370,11 @@ class Disturbance(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     loss_ticks_max: Annotated[int, Meta(ge=0, le=100)] = 0
 
     def __post_init__(self) -> None:
+        if (self.drift_m_per_m > 0.0) != (self.drift_m_max > 0.0):
+            raise ValueError(
+                "expected drift_m_per_m and drift_m_max, how fast and how far a pose creeps away, "
+                f"both or neither, got {self.drift_m_per_m} and {self.drift_m_max}"
+            )
         most = self.loss_ticks_mean / (self.loss_ticks_mean + 1.0)
         if self.loss_ticks_max and self.loss_probability > most:
             raise ValueError(
@@ -386,7 +395,7 @@ class Disturbance(_Part, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def position_error_m_max(self) -> float:
         """No position is further off, whichever way."""
-        return DEVIATES_MAX * self.position_sigma_m
+        return DEVIATES_MAX * self.position_sigma_m + self.drift_m_max
 
     @property
     def yaw_error_rad_max(self) -> float:

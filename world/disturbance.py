@@ -10,8 +10,9 @@ depends on another or on who lives.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from math import cos, pi, sin, sqrt
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -26,6 +27,20 @@ STREAM_RANGES = 20
 STREAM_POSES = 21
 STREAM_SPEEDS = 22
 STREAM_LINKS = 23
+STREAM_DRIFTS = 24
+# How much the direction of a drift turns in a metre of the way, in the mean.
+DRIFT_TURN_RAD = 0.5
+
+
+class Drift(msgspec.Struct, frozen=True, array_like=True):
+    """How far the position that a robot is shown has crept away, and which way it creeps."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    towards_rad: float = 0.0
+
+
+NO_DRIFT = Drift()
 
 
 def draws(seed: int, stream: int, who: int, tick: int) -> np.random.Generator:
@@ -53,12 +68,38 @@ def scans(
     return shown_m
 
 
-def pose(declared: Disturbance, true: Pose, row: int, *, seed: int, tick: int) -> Pose:
+def creep(
+    declared: Disturbance, before: Drift, way_m: float, row: int, *, seed: int, tick: int
+) -> Drift:
+    """Drift after so much of the way, by the declared share of it; at its bound it slides along it.
+
+    Args:
+        tick: whose drift it is, from 1.
+    """
+    if not declared.drift_m_per_m:
+        return before
+    generator = draws(seed, STREAM_DRIFTS, row, tick)
+    if tick == 1:
+        before = Drift(towards_rad=pi * (2.0 * generator.random() - 1.0))
+    turn_rad = DRIFT_TURN_RAD * sqrt(way_m) * float(generator.standard_normal())
+    towards_rad = wrap_angle(before.towards_rad + turn_rad)
+    step_m = declared.drift_m_per_m * way_m
+    x_m, y_m = before.x_m + step_m * cos(towards_rad), before.y_m + step_m * sin(towards_rad)
+    off_m = sqrt(x_m * x_m + y_m * y_m)
+    share = min(1.0, declared.drift_m_max / off_m) if off_m else 1.0
+    return Drift(share * x_m, share * y_m, towards_rad)
+
+
+def pose(
+    declared: Disturbance, true: Pose, row: int, drift: Drift = NO_DRIFT, *, seed: int, tick: int
+) -> Pose:
     """Where a robot is told that it is.
 
     Its position is never further off than `declared.position_error_m_max`: what would be is drawn
     in along its direction.
     """
+    if declared.drift_m_per_m:
+        true = Pose(true.x_m + drift.x_m, true.y_m + drift.y_m, true.yaw_rad)
     if not declared.position_sigma_m and not declared.yaw_sigma_rad:
         return true
     deviates = draws(seed, STREAM_POSES, row, tick).standard_normal(3)

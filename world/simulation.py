@@ -67,6 +67,7 @@ class Body(msgspec.Struct, frozen=True, array_like=True):
     beacon: Beacon | None = None  # of the newest command
     excused: bool = False  # of that touch: a fault of its motors or lidar, or of the other's
     pending: tuple[Twist, ...] = ()  # set-points on their way to late motors, oldest first
+    drift: disturbance.Drift = disturbance.NO_DRIFT  # of the pose that its mind is shown
 
 
 class WorldState(msgspec.Struct, frozen=True):
@@ -189,6 +190,14 @@ def step(world: World, state: WorldState, commands: Mapping[str, Command]) -> Wo
                 body.beacon,
                 body.excused or (row in excused and not body.contact),
                 pending,
+                disturbance.creep(
+                    scenario.disturbance,
+                    body.drift,
+                    length(pose.x_m - body.pose.x_m, pose.y_m - body.pose.y_m),
+                    row,
+                    seed=scenario.seed,
+                    tick=state.tick + 1,
+                ),
             )
             for row, (body, (pose, twist), clearance_m, (_, pending)) in enumerate(
                 zip(bodies, moved, cleared_m, taken, strict=True)
@@ -327,6 +336,7 @@ def sense(
                 scenario.disturbance,
                 bodies[row].pose,
                 row,
+                bodies[row].drift,
                 seed=scenario.seed,
                 tick=state.tick,
             ),
@@ -502,6 +512,7 @@ def _heed(world: World, state: WorldState, commands: Iterable[Command]) -> tuple
                 command.beacon,
                 body.excused,
                 body.pending,
+                body.drift,
             )
     return tuple(bodies)
 

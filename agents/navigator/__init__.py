@@ -16,7 +16,7 @@ memory        hits -> points in a window -> distances       (points: its inner l
 way           distances, goal -> way, sub-goal              (search, chords: its inner loops)
 headway       whether it gets on: doubts, blocked, failed
 speed         clearance along the way -> the highest speed
-right_of_way  who goes first                                (roundabout, gaps, stuck)
+right_of_way  who goes first                                (roundabout, gaps, walls, stuck)
 drive         direction, speed -> what to ask of the motors (cells in time, forces)
 last_word     asked -> allowed                              (dodge, brake, pact, announce)
 corridor      bearings of a slot that are free of all that is known, for formations

@@ -15,6 +15,7 @@ from math import sqrt
 
 import msgspec
 
+from agents.peers import RATE_MAX
 from swarm import geometry
 from swarm.geometry import Pose, Twist
 from swarm.messages import SensorFrame
@@ -22,6 +23,8 @@ from swarm.scenario import RobotSetup
 
 # Share of what it is shown: less smooths more, and lets the speed error add up for longer.
 GAIN = 0.4
+# By so much more than both are in doubt they may differ: arcs are off their chords, by less.
+ROUNDING_M, ROUNDING_RAD = 1e-3, 1e-6
 
 
 class Doubt(msgspec.Struct, frozen=True):
@@ -48,13 +51,25 @@ def is_needed(setup: RobotSetup) -> bool:
 
 
 def step(setup: RobotSetup, state: State, frame: SensorFrame) -> State:
-    """Poses at this tick; a robot that missed one believes what it is shown."""
+    """Poses at this tick; a robot that missed one believes what it is shown.
+
+    So does one whose wheels have said what cannot be: else that would spoil all poses to come.
+    """
     shown = Doubt(setup.disturbance.position_error_m_max, setup.disturbance.yaw_error_rad_max)
-    if not is_needed(setup) or state.pose is None or frame.tick != state.tick + 1:
+    rate = max(abs(frame.twist.speed_mps), abs(frame.twist.turn_rate_radps))
+    follows = frame.tick == state.tick + 1 and rate <= RATE_MAX
+    if not is_needed(setup) or state.pose is None or not follows:
         return State(frame.tick, frame.pose, shown, frame.pose, shown)
     carried = geometry.advance(state.pose, frame.twist, setup.dt_s)
     doubt = driven(setup, state.doubt, frame.twist)
     turn_rad = geometry.wrap_angle(frame.pose.yaw_rad - carried.yaw_rad)
+    off_m = geometry.length(frame.pose.x_m - carried.x_m, frame.pose.y_m - carried.y_m)
+    agree = (
+        off_m <= doubt.position_m + shown.position_m + ROUNDING_M
+        and abs(turn_rad) <= doubt.yaw_rad + shown.yaw_rad + ROUNDING_RAD
+    )
+    if not agree:  # neither do numbers that are none
+        return State(frame.tick, frame.pose, shown, frame.pose, shown)
     corrected = Pose(
         carried.x_m + GAIN * (frame.pose.x_m - carried.x_m),
         carried.y_m + GAIN * (frame.pose.y_m - carried.y_m),

@@ -10,13 +10,11 @@ total. No gap has a name: two claims mean the same where their axes lie on one l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
 
 import msgspec
 import numpy as np
 
-from agents.navigator.compiled import compiled
-from agents.navigator.table import RADIUS
+from agents.navigator.walls import ASIDE_M, SIGHT_M, end, find, inside
 from agents.peers import Peer
 from swarm.geometry import Floats, Vec2, length
 from swarm.messages import Name, Passage
@@ -24,17 +22,10 @@ from swarm.passages import OPPOSITE, SAME, of_axis, same_line
 
 # Of a gap: wider than a body by this, narrower than two by that.
 SLACK_M, TWO_ABREAST_M = 0.15, 0.25
-ASIDE_M, SIGHT_M = 0.4, 3.6  # its middle is this near to the way, and to the robot
-ROUNDING_M = 1e-6
-ACROSS_MIN = 0.35  # sine of the angle between chord and way
-FLANK_M, FLANK_NEAR_M = 1.4, 0.35  # both posts go on as walls: a hit this near to so far beyond
 BLOCKED_SHARE = 0.3  # of its width: something this near to its middle, and it is no gap
-CIRCLE_M = 0.04  # nothing stands inside the circle on the chord, less this
-DISTANCE_COST = 0.2  # of a chord further away
 BETTER_M = 0.01  # an outside robot replaces its chord by one no longer than this more
 OUTSIDE_M = 0.3
 INSIDE_M = 0.35  # nearer to the mouth than this it cannot give a passage back
-ZONE_M = 4.6  # a gap is followed so far along its axis
 CLEAR_M = 0.3  # beyond its end
 FAR_M = 4.2  # a mouth further away is forgotten
 # Grants.
@@ -59,6 +50,7 @@ class State(msgspec.Struct, frozen=True):
     passage: Passage | None = None
     width_m: float = 0.0
     end_m: float = 0.0  # of the narrow part, along the axis from the mouth
+    from_inside: bool = False  # the mouth was never seen from before it
 
 
 class Rule(msgspec.Struct, frozen=True):
@@ -77,6 +69,7 @@ class Other(msgspec.Struct, frozen=True):
     name: Name
     key: tuple[int, Name]
     along_m: float  # before the mouth it is negative
+    mouth_m: float  # so far along is its own
     holds: bool
     opposite: bool
     speed_mps: float
@@ -147,7 +140,10 @@ def look(
             or (along_m < -OUTSIDE_M and blocked(mine, state.width_m, position, points))
         ):
             state, mine = State(), None
-    if mine is None or along_m < -OUTSIDE_M:
+    if mine is None and len(rows) and (within := between(tick, position, radius_m, points, path)):
+        # It was put here, or has forgotten how it came: the mouth is behind it.
+        state, mine = within, within.passage
+    elif mine is None or along_m < -OUTSIDE_M:
         found: Floats | tuple[float, ...] = _NOT_FOUND
         least_m, most_m = 2.0 * radius_m + SLACK_M, 4.0 * radius_m + TWO_ABREAST_M
         if len(points) > 1 and len(path) > 1:
@@ -175,7 +171,39 @@ def look(
         )
         if end_m > state.end_m:
             state = msgspec.structs.replace(state, end_m=end_m)
+        if state.from_inside and along_m > -INSIDE_M:
+            within = between(tick, position, radius_m, points, path)
+            if within is not None:
+                state = reopened(state, mine, within)
     return state
+
+
+def reopened(state: State, mine: Passage, within: State) -> State:
+    """State of a robot that came to itself inside, with as much of the walls as it sees by now."""
+    assert within.passage is not None
+    along_m, _ = of_axis(mine, within.passage.mouth)
+    if along_m >= 0.0:
+        return state
+    mouth = (mine.mouth[0] + along_m * mine.axis[0], mine.mouth[1] + along_m * mine.axis[1])
+    mine = msgspec.structs.replace(mine, mouth=mouth)
+    return msgspec.structs.replace(state, passage=mine, end_m=state.end_m - along_m)
+
+
+def between(
+    tick: int, position: Vec2, radius_m: float, points: Floats, path: Floats
+) -> State | None:
+    """State of a robot that would find itself inside a gap, without a claim to it."""
+    if len(points) < 2 or len(path) < 2:
+        return None
+    walls = np.zeros(5)
+    least_m, most_m = 2.0 * radius_m + SLACK_M, 4.0 * radius_m + TWO_ABREAST_M
+    inside(points, path, least_m, most_m, walls)
+    if walls[0] == 0.0:
+        return None
+    axis, back_m = (float(walls[1]), float(walls[2])), float(walls[3])
+    mouth = (position[0] - back_m * axis[0], position[1] - back_m * axis[1])
+    passage = Passage(False, mouth, axis, tick)
+    return State(passage, float(walls[0]), back_m + float(walls[4]), from_inside=True)
 
 
 def blocked(mine: Passage, width_m: float, position: Vec2, points: Floats) -> bool:
@@ -224,10 +252,12 @@ def same_gap(mine: Passage, peer: Peer) -> Other | None:
     if OPPOSITE <= product <= SAME:
         return None
     along_m, _ = of_axis(mine, (peer.pose.x_m, peer.pose.y_m))
+    mouth_m, _ = of_axis(mine, theirs.mouth)
     return Other(
         name=peer.beacon.name,
         key=(theirs.since, peer.beacon.name),
         along_m=along_m,
+        mouth_m=mouth_m,
         holds=theirs.holds,
         opposite=product < 0.0,
         speed_mps=max(SLOW_SHARE * peer.beacon.speed_mps_max, abs(peer.beacon.twist.speed_mps)),
@@ -255,7 +285,8 @@ def grant(
     opponent = min([one.key for one in against], default=None)
     if along_m > -INSIDE_M:
         # Inside, all that can be given back is the way out, by those whose direction is worse.
-        inside = [one for one in holders if one.along_m < end_m + INSIDE_M]
+        # Others hide how far it goes on: those of the other direction know where it ends.
+        inside = [one for one in holders if one.along_m < max(end_m, one.mouth_m) + INSIDE_M]
         mates = [one.key for one in beside if one.holds and one.along_m > -INSIDE_M]
         return not inside or min([key, *mates]) < min(one.key for one in inside)
     if mine.holds:
@@ -312,132 +343,3 @@ def rule(
     )
     first_of_them = min(blocking, key=lambda one: (not one.holds, one.key))
     return Rule(place, True, mine.mouth, first_of_them.name, tuple(shares))
-
-
-@compiled
-def find(
-    points: Floats, path: Floats, rows: Floats, least_m: float, most_m: float, found: Floats
-) -> None:
-    """Narrow chord between two walls that the way leads through.
-
-    Args:
-        points: (n, 2) m from here.
-        path: (cells, 2) m from here.
-        rows: of `table`: what lies behind them is not seen.
-        found: (5,) width, middle, axis; the width stays 0.0 where there is none.
-    """
-    count = points.shape[0]
-    best = np.inf
-    # Cells that can be near enough to the middle of a chord in sight.
-    near = np.empty(path.shape[0], dtype=np.int64)
-    nears = 0
-    for cell in range(1, path.shape[0]):
-        off_m = SIGHT_M + ASIDE_M + ROUNDING_M
-        if path[cell, 0] * path[cell, 0] + path[cell, 1] * path[cell, 1] < off_m * off_m:
-            near[nears] = cell
-            nears += 1
-    # Points that can be near enough to one of these to be a post of such a chord.
-    posts = np.empty(count, dtype=np.int64)
-    found_posts = 0
-    for point in range(count):
-        off_m = ASIDE_M + 0.5 * most_m + ROUNDING_M
-        for number in range(nears):
-            off_x = path[near[number], 0] - points[point, 0]
-            off_y = path[near[number], 1] - points[point, 1]
-            if off_x * off_x + off_y * off_y < off_m * off_m:
-                posts[found_posts] = point
-                found_posts += 1
-                break
-    for left in range(found_posts):
-        one = posts[left]
-        for right in range(left + 1, found_posts):
-            other = posts[right]
-            x_m = points[other, 0] - points[one, 0]
-            y_m = points[other, 1] - points[one, 1]
-            width2_m2 = x_m * x_m + y_m * y_m
-            if width2_m2 <= least_m * least_m or width2_m2 >= most_m * most_m:
-                continue
-            width_m = sqrt(width2_m2)
-            middle_x = 0.5 * (points[one, 0] + points[other, 0])
-            middle_y = 0.5 * (points[one, 1] + points[other, 1])
-            away_m = sqrt(middle_x * middle_x + middle_y * middle_y)
-            cost = width_m + DISTANCE_COST * away_m
-            if away_m > SIGHT_M or cost >= best:
-                continue
-            unit_x, unit_y = x_m / width_m, y_m / width_m
-            # Where the way crosses the chord, or comes nearest to its middle.
-            nearest_m2, nearest = ASIDE_M * ASIDE_M, -1
-            for number in range(nears):
-                cell = near[number]
-                off_x, off_y = path[cell, 0] - middle_x, path[cell, 1] - middle_y
-                off_m2 = off_x * off_x + off_y * off_y
-                if off_m2 < nearest_m2:
-                    nearest_m2, nearest = off_m2, cell
-            if nearest < 1:
-                continue
-            last = min(nearest + 1, path.shape[0] - 1)
-            way_x = path[last, 0] - path[nearest - 1, 0]
-            way_y = path[last, 1] - path[nearest - 1, 1]
-            way_m = sqrt(way_x * way_x + way_y * way_y)
-            if way_m <= 0.0:
-                continue
-            way_x, way_y = way_x / way_m, way_y / way_m
-            if abs(unit_x * way_y - unit_y * way_x) < ACROSS_MIN:
-                continue
-            radius_m = 0.5 * width_m - CIRCLE_M
-            open_ = True
-            before = after = False
-            before_x = points[one, 0] - FLANK_M * unit_x
-            before_y = points[one, 1] - FLANK_M * unit_y
-            after_x = points[other, 0] + FLANK_M * unit_x
-            after_y = points[other, 1] + FLANK_M * unit_y
-            for hit in range(count):
-                hit_x, hit_y = points[hit, 0], points[hit, 1]
-                off_x, off_y = hit_x - middle_x, hit_y - middle_y
-                if off_x * off_x + off_y * off_y < radius_m * radius_m:
-                    open_ = False
-                    break
-                off_x, off_y = hit_x - before_x, hit_y - before_y
-                if off_x * off_x + off_y * off_y < FLANK_NEAR_M * FLANK_NEAR_M:
-                    before = True
-                off_x, off_y = hit_x - after_x, hit_y - after_y
-                if off_x * off_x + off_y * off_y < FLANK_NEAR_M * FLANK_NEAR_M:
-                    after = True
-            if not (open_ and before and after):
-                continue
-            for row in range(rows.shape[0]):
-                off_x, off_y = rows[row, 0], rows[row, 1]
-                share = (off_x * middle_x + off_y * middle_y) / (away_m * away_m)
-                if 0.0 < share < 1.0:
-                    off_x -= share * middle_x
-                    off_y -= share * middle_y
-                    hidden_m = 0.5 * width_m + rows[row, RADIUS]
-                    if off_x * off_x + off_y * off_y < hidden_m * hidden_m:
-                        open_ = False
-                        break
-            if not open_:
-                continue
-            best = cost
-            axis_x, axis_y = -unit_y, unit_x
-            if axis_x * way_x + axis_y * way_y < 0.0:
-                axis_x, axis_y = -axis_x, -axis_y
-            found[0], found[1], found[2] = width_m, middle_x, middle_y
-            found[3], found[4] = axis_x, axis_y
-
-
-@compiled
-def end(
-    points: Floats, mouth_x: float, mouth_y: float, axis_x: float, axis_y: float, half_m: float
-) -> float:
-    """How far along the axis there are hits on both sides, m from the mouth."""
-    left_m = right_m = 0.0
-    for hit in range(points.shape[0]):
-        x_m, y_m = points[hit, 0] - mouth_x, points[hit, 1] - mouth_y
-        along_m = x_m * axis_x + y_m * axis_y
-        aside_m = y_m * axis_x - x_m * axis_y
-        if 0.0 < along_m < ZONE_M and abs(aside_m) < half_m:
-            if aside_m > 0.0:
-                left_m = max(left_m, along_m)
-            else:
-                right_m = max(right_m, along_m)
-    return min(left_m, right_m)

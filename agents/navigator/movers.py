@@ -44,7 +44,8 @@ from swarm.scenario import RobotSetup
 
 PAUSE_TICKS = 6  # without a scan: then all is new
 SCANS = 6  # that are kept; the oldest one tells what was free
-PEER_M = 0.35  # what is this near to a peer is a peer
+# What has its middle this near to a peer's body is that peer, of which some hits were not masked.
+PEER_M = 0.1
 # As peers: it may turn, and its place is not sure; who crosses passes behind it.
 ROOM_M, ROOM_S, LEAD_S = 0.12, 0.2, 0.1
 SIGHT_M = 5.0
@@ -130,11 +131,16 @@ def step(
     unsure_m = 3.0 * (
         noise.range_sigma_m + 2.0 * noise.position_sigma_m + 4.0 * noise.yaw_sigma_rad
     )
-    range_m = setup.sensor.range_m
+    unsure_m += noise.drift_m_per_m * setup.robot.speed_mps_max * SCANS * setup.dt_s
+    range_m, more_m = setup.sensor.range_m, setup.msam.peer_tolerance_per_missed_tick_m
     bodies = _NO_BODIES
     if others and (
         near := [
-            (pose.x_m + one.offset[0], pose.y_m + one.offset[1], one.beacon.body_radius_m + PEER_M)
+            (
+                pose.x_m + one.offset[0],
+                pose.y_m + one.offset[1],
+                one.beacon.body_radius_m + PEER_M + unsure_m + more_m * one.missed_ticks,
+            )
             for one in others
             if one.distance_m < range_m + 1.0
         ]

@@ -46,7 +46,7 @@ def segments(
         raw_m: (beams,) all hits; hits_m: those of obstacles.
         units: (beams, 2) body frame.
         cosine, sine: of half the angle between beams.
-        bodies: (peers, 3) x, y, m, world, and how near to them nothing counts.
+        bodies: (peers, 3) x, y, m, world, and how near to these no middle of anything else lies.
     """
     beams = len(hits_m)
     found = np.empty((SEGMENTS_MAX, COLUMNS))
@@ -91,7 +91,8 @@ def segments(
         # Nothing nearer may hide a part of it, nor may it reach out of sight.
         before = first - 1 if first > 0 else beams - 1
         after = last + 1 if last + 1 < beams else 0
-        if raw_m[before] < hits_m[first] or raw_m[after] < hits_m[last] or touches:
+        hidden = not (raw_m[before] >= hits_m[first] and raw_m[after] >= hits_m[last])
+        if hidden or touches:  # or nothing is known of a beam beside it
             if not _arc(hits_m, units, first, width, unsure_m, arc):
                 continue
             radius_m = arc[2]
@@ -130,7 +131,7 @@ def segments(
         for body in range(len(bodies)):
             dx = x_m + centre_m * world_x - bodies[body, 0]
             dy = y_m + centre_m * world_y - bodies[body, 1]
-            keep_m = bodies[body, 2] + radius_m
+            keep_m = bodies[body, 2]
             if dx * dx + dy * dy < keep_m * keep_m:
                 is_peer = True
         if is_peer:

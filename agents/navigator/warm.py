@@ -10,7 +10,7 @@ from math import inf, pi, sqrt
 import numpy as np
 
 from agents import robot
-from agents.navigator import corridor, gaps, memory
+from agents.navigator import corridor, memory, walls
 from swarm import messages, scenario
 from swarm.geometry import Pose, Twist
 from swarm.messages import Beacon, SensorFrame, Wheels
@@ -69,6 +69,8 @@ def up() -> None:
             states[number], command = robot.step(setup, states[number], frame)
             said.append(command.beacon)
         heard = said
-    gaps.end(np.zeros((1, 2)), 0.0, 0.0, 1.0, 0.0, 1.0)  # there is no gap in the scene
+    # there is no gap in the scene
+    walls.end(np.zeros((1, 2)), 0.0, 0.0, 1.0, 0.0, 1.0)
+    walls.inside(np.ones((1, 2)), np.ones((1, 2)), 0.5, 1.0, np.zeros(5))
     # nor a formation
     corridor.cheapest(np.zeros((1, 4)), np.zeros((1, 2)), 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)

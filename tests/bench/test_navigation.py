@@ -196,7 +196,7 @@ def test_plan_has_the_full_sizes_when_nothing_is_asked(folder: Path) -> None:
         "paper-fields": 300,
         "paper-u": 30,
         "paper-walls": 30,
-        "moving": 300,
+        "moving": 400,
         "barn": 2,
         "collision-avoidance": 1,
     }
@@ -598,6 +598,15 @@ def test_disturbed_instances_are_the_plain_ones_with_a_disturbance(group: Group)
     assert declared.loss_ticks_max == (5 if group.family.endswith("bursts") else 0)
     plan = cases.under(cases.shortened(case, 2.0), "navigator")
     assert course.drive(plan).score.hash.digest() == lockstep.run(plan).score.hash.digest()
+
+
+def test_drifting_instances_are_those_of_barn(folder: Path) -> None:
+    plain = public.groups(folder)[0]
+    found = {group.family for group in disturbed.groups(plain) if group.family.endswith("drift")}
+    assert found == {"barn-drift"}
+    group = next(one for one in disturbed.groups(plain) if one.family == "barn-drift")
+    declared = group.make(0).scenario.disturbance
+    assert (declared.drift_m_per_m, declared.position_error_m_max) == (0.02, 0.5)
 
 
 def test_scenario_of_a_case_survives_its_file() -> None:

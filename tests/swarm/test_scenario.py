@@ -75,6 +75,12 @@ def decoded(text: str, **changes: object) -> Scenario:
             r"0\.8",
         ),
         (
+            HEAD + A + "[disturbance]\ndrift_m_per_m = 0.02\n",
+            "disturbance",
+            "drift_m_per_m and drift_m_max.*both or neither",
+            r"0\.02 and 0\.0",
+        ),
+        (
             HEAD + A + "[[obstacles]]\ncircle = [9.0, 0.0, 1.0]\npath = [[9.0, 3.0]]\n",
             r"obstacles\[0\]",
             "path and speed_mps together",

@@ -31,6 +31,9 @@ def test_nothing_is_touched_when_nothing_is_declared() -> None:
     assert shown_m is scans_m
     assert disturbance.carried(NONE, heard, b"", seed=1, tick=3) is heard
     assert disturbance.pose(NONE, pose, 0, seed=1, tick=3) is pose
+    assert disturbance.creep(NONE, disturbance.NO_DRIFT, 0.1, 0, seed=1, tick=3) is (
+        disturbance.NO_DRIFT
+    )
     assert disturbance.speed_factors(NONE, 3, seed=1) == (1.0, 1.0, 1.0)
     assert disturbance.late(NONE, (), STILL) == (STILL, ())
     assert disturbance.fade(NONE, b"", 3, seed=1, tick=3) == b""
@@ -69,6 +72,47 @@ def test_pose_errors_have_their_sigma_in_each_coordinate() -> None:
     off = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in shown])
     assert off.std(axis=0) == pytest.approx([0.01, 0.01, 0.02], rel=0.08)
     assert np.abs(off.mean(axis=0)).max() < 4 * 0.02 / 30
+
+
+@given(
+    ways_m=st.lists(st.floats(0.0, 0.2), min_size=1, max_size=60),
+    rate=st.floats(0.001, 0.2),
+    most_m=st.floats(0.005, 0.5),
+    seed=st.integers(0, 2**53),
+)
+def test_drift_grows_with_the_way_and_never_beyond_its_bound(
+    ways_m: list[float], rate: float, most_m: float, seed: int
+) -> None:
+    declared = Disturbance(drift_m_per_m=rate, drift_m_max=most_m)
+    drift, true = disturbance.NO_DRIFT, Pose(3.0, -4.0, 1.0)
+    for tick, way_m in enumerate(ways_m, 1):
+        before = drift
+        drift = disturbance.creep(declared, before, way_m, 1, seed=seed, tick=tick)
+        crept_m = length(drift.x_m - before.x_m, drift.y_m - before.y_m)
+        assert crept_m <= rate * way_m + 1e-12
+        assert length(drift.x_m, drift.y_m) <= most_m + 1e-12
+        shown = disturbance.pose(declared, true, 1, drift, seed=seed, tick=tick)
+        off_m = length(shown.x_m - true.x_m, shown.y_m - true.y_m)
+        assert off_m <= declared.position_error_m_max + 1e-12
+        assert shown.yaw_rad == true.yaw_rad
+
+
+def test_a_robot_drifts_by_its_share_of_the_way_and_its_peer_another_way() -> None:
+    world = world_of(BOTH + "drift_m_per_m = 0.05\ndrift_m_max = 1.0\n")
+    state = simulation.init(world)
+    state = drive(world, state, 60, a=Twist(0.5, 0.0), b=Twist(0.5, 0.0))
+    frames = simulation.sense(world, state)
+    off_m = [
+        (frame.pose.x_m - body.pose.x_m, frame.pose.y_m - body.pose.y_m)
+        for frame, body in zip(frames, state.bodies, strict=True)
+    ]
+    ways_m = [
+        body.pose.x_m - robot.start[0]
+        for body, robot in zip(state.bodies, world.scenario.robots, strict=True)
+    ]
+    for (x_m, y_m), way_m in zip(off_m, ways_m, strict=True):
+        assert 0.02 * abs(way_m) < length(x_m, y_m) <= 0.05 * abs(way_m) + 1e-9
+    assert off_m[0] != off_m[1]
 
 
 def test_frames_show_errors_and_records_keep_the_truth() -> None:
@@ -175,6 +219,7 @@ CROSSING = HEAD.replace("duration_s = 1.0", "duration_s = 8.0") + (
     "[[obstacles]]\ncircle = [3.0, -1.5, 0.5]\n"
     "[disturbance]\nrange_sigma_m = 0.01\nposition_sigma_m = 0.01\nyaw_sigma_rad = 0.0087\n"
     "latency_ticks = 1\nspeed_error = 0.05\nloss_probability = 0.2\nloss_ticks_max = 5\n"
+    "drift_m_per_m = 0.02\ndrift_m_max = 0.05\n"
 )
 
 

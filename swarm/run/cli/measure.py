@@ -26,7 +26,7 @@ def bench(
         str | None,
         Option(
             metavar="A,B",
-            help="navigation: which families; all of a kind: disturbed, bursts, dead, half-dead.",
+            help="navigation: which families; all of a kind: disturbed, bursts, drift, dead, ...",
         ),
     ] = None,
     sizes: Annotated[

@@ -18,10 +18,10 @@ from agents.navigator import announce, brake, estimate, headway, pact, predict
 from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import STILL, Pose, Twist
-from swarm.messages import Beacon, Command
+from swarm.messages import Beacon, Command, Slot
 from swarm.scenario import Disturbance, RobotSetup
 from tests.agents import scenes
-from world import motion
+from world import disturbance, motion
 
 DECLARED = Disturbance(
     range_sigma_m=0.01, position_sigma_m=0.01, yaw_sigma_rad=0.0087, speed_error=0.05
@@ -74,6 +74,23 @@ def test_where_it_believes_to_be_is_never_further_off_than_it_says(
         )
 
 
+@pytest.mark.parametrize(
+    ("speed_mps", "rate_radps"), [(1e300, 1e-300), (40.0, 0.0), (0.0, 1e6), (1e308, 1e308)]
+)
+def test_wheels_that_say_what_cannot_be_do_not_spoil_the_poses_to_come(
+    speed_mps: float, rate_radps: float
+) -> None:
+    setup, where = setup_of(), estimate.State()
+    for tick in range(6):
+        twist = Twist(speed_mps, rate_radps) if tick == 2 else STILL
+        frame = scenes.frame("robot1", tick, Pose(1.0, 2.0, 0.3), twist)
+        where = estimate.step(setup, where, frame)
+        if tick == 2:
+            assert where.pose == frame.pose
+        assert where.pose is not None
+        assert dist((where.pose.x_m, where.pose.y_m), (1.0, 2.0)) < 0.05
+
+
 def test_where_nothing_is_declared_it_believes_what_it_is_shown() -> None:
     setup = setup_of(Disturbance())
     frame = scenes.frame("robot1", 3, Pose(1.0, 2.0, 0.5), Twist(0.5, 0.1))
@@ -82,6 +99,29 @@ def test_where_nothing_is_declared_it_believes_what_it_is_shown() -> None:
     assert pact.promise(setup, Twist(0.5, 0.0), state.where.doubt).keep_m == pytest.approx(
         setup.robot.body_radius_m + pact.pad_m(setup)
     )
+
+
+@pytest.mark.parametrize("controller", ["navigator", "paper"])
+def test_members_of_a_formation_believe_in_a_smoother_pose_than_they_are_shown(
+    controller: str,
+) -> None:
+    slot = Slot(1.5, 0.4)
+    for setup in (
+        scenes.leader(controller=controller, disturbance=DECLARED),
+        scenes.follower(slot, controller=controller, disturbance=DECLARED),
+    ):
+        state, shown_m, said_m = robot.init(setup), [], []
+        for tick in range(60):
+            shown = disturbance.pose(DECLARED, scenes.ORIGIN, 0, seed=5, tick=tick)
+            frame = scenes.frame(setup.robot.name, tick, shown)
+            state, command = robot.step(setup, state, frame)
+            said = command.beacon.pose
+            shown_m.append(dist((shown.x_m, shown.y_m), (0.0, 0.0)))
+            said_m.append(dist((said.x_m, said.y_m), (0.0, 0.0)))
+        if controller == "paper":  # the strict reading takes what it is given
+            assert said_m == shown_m
+        else:
+            assert sum(said_m[5:]) < 0.7 * sum(shown_m[5:])
 
 
 @given(first=RATES, doubt_m=st.floats(0.0, 0.1), yaw_rad=st.floats(0.0, 0.1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, inf, sin
+from math import atan2, cos, inf, sin
 from typing import Any
 
 import msgspec
@@ -183,6 +183,100 @@ def test_a_peer_is_no_mover() -> None:
         frame = scenes.frame("robot1", tick, ranges_m=ranges_m)
         state = movers.step(setup, state, frame, ranges_m, [peer], scenes.DT_S)
         assert not len(state.moving())
+
+
+def among(
+    bodies: Sequence[Moving], moving: Sequence[Moving], ticks: int, sigma_m: float = 0.0
+) -> list[int]:
+    """How many move in each tick, seen by a robot at rest that hears the bodies."""
+    setup = setup_of(disturbance=Disturbance(range_sigma_m=sigma_m))
+    state, counts = movers.State(), []
+    for tick in range(ticks):
+        others = []
+        for number, (_, _, v_x, v_y, _) in enumerate(bodies):
+            x_m, y_m, _ = disc(bodies[number], tick)
+            yaw_rad = atan2(v_y, v_x)
+            said = scenes.beacon(
+                f"robot{number + 2}",
+                Pose(x_m, y_m, yaw_rad),
+                Twist(geometry.length(v_x, v_y), 0.0),
+                tick=tick,
+            )
+            others.append(scenes.peer(said, tick=tick))
+        discs = [disc(one, tick) for one in (*bodies, *moving)]
+        ranges_m = noisy(scenes.scan(discs, scenes.ORIGIN), sigma_m, tick)
+        frame = scenes.frame("robot1", tick, ranges_m=ranges_m)
+        hits_m = scenes.look(setup, ranges_m, others).ranges_m
+        state = movers.step(setup, state, frame, hits_m, others, scenes.DT_S)
+        counts.append(len(state.moving()))
+    return counts
+
+
+@pytest.mark.parametrize("gap_m", [0.12, 0.3])
+def test_what_moves_close_beside_a_peer_is_no_peer(gap_m: float) -> None:
+    peer = (1.6, -1.2, 0.0, 0.8, 0.22)
+    counts = among([peer], [(1.6, -1.2 + 0.47 + gap_m, 0.0, 0.8, 0.25)], 20)
+    assert counts[10:] == [1] * 10
+
+
+@pytest.mark.parametrize(
+    ("peer", "moving", "known"),
+    [
+        ((0.8, 0.0, 0.0, -0.4, 0.22), (1.6, 0.0, -0.6, 0.0, 0.25), 10),
+        ((0.7, 0.0, 0.0, -0.6, 0.22), (2.2, 0.3, -0.9, -0.1, 0.25), 7),
+    ],
+)
+def test_what_comes_out_from_behind_a_peer_is_known_soon(
+    peer: Moving, moving: Moving, known: int
+) -> None:
+    """Nobody saw whether it was free where it comes from: that took up to three ticks more."""
+    assert 1 in among([peer], [moving], known)
+
+
+@pytest.mark.parametrize("sigma_m", [0.0, 0.01])
+@pytest.mark.parametrize("speed_mps", [0.2, 0.6, 1.0])
+def test_what_stands_does_not_move_as_a_peer_uncovers_it(speed_mps: float, sigma_m: float) -> None:
+    standing = [(x_m, y_m, 0.0, 0.0, r_m) for x_m, y_m, r_m in ((2.2, 0.1, 0.3), (2.6, 1.2, 0.15))]
+    for x_m in (0.8, 1.5):
+        peer = (x_m, -0.9, 0.0, speed_mps, 0.22)
+        assert max(among([peer], standing, 40, sigma_m)) == 0
+
+
+@pytest.mark.parametrize("half", [0, 1])
+def test_a_body_is_as_large_as_it_is_where_half_of_it_is_unknown(half: int) -> None:
+    hits_m = scenes.scan([(1.5, 0.0, 0.3)], scenes.ORIGIN).astype(np.float64)
+    on = np.flatnonzero(np.isfinite(hits_m))
+    unknown = on[: len(on) // 2] if half else on[len(on) // 2 :]
+    raw_m = np.minimum(hits_m, scenes.RANGE_M)
+    raw_m[unknown], hits_m[unknown] = np.nan, inf
+    units, nobody = memory.beams(scenes.BEAMS).units, np.empty((0, 3))
+    found = segments.segments(
+        raw_m, hits_m, units, *STILL_HERE, 0.9999, 0.0145, nobody, 0.0, scenes.RANGE_M
+    )
+    assert len(found) == 1
+    assert found[0, segments.SIZE] == pytest.approx(0.3, abs=0.01)
+    assert found[0, segments.RANGE] == pytest.approx(1.2, abs=0.01)
+
+
+@pytest.mark.parametrize("missed", [0.0, 5.0])
+def test_what_moves_is_not_forgotten_among_many_that_stand(missed: float) -> None:
+    """Unseen for a moment behind one of them, as far as it is known."""
+    many = tracks.TRACKS_MAX
+    mover = np.zeros((1, tracks.COLUMNS))
+    mover[0, [tracks.X, tracks.V_Y, tracks.RADIUS, tracks.MOVES]] = (2.0, 0.5, 0.25, 1.0)
+    mover[0, [tracks.COUNT, tracks.MISSED]] = (5.0, missed)
+    found = np.zeros((many, segments.COLUMNS))
+    for number in range(many):
+        found[number, : segments.RANGE] = geometry.unit(0.5 + 0.1 * number)
+        found[number, [segments.RANGE, segments.SIZE]] = (4.0, 0.1)
+    rays, nothing = memory.beams(scenes.BEAMS), np.empty(0)
+    raw_m = np.full(scenes.BEAMS, 1.0)  # something is in front of it
+    known = tracks.follow(
+        mover, np.zeros((1, tracks.FIT_COLUMNS)), found, raw_m, rays.units, rays.bounds,
+        *STILL_HERE, 0.029, scenes.DT_S, 0.0, nothing, np.zeros(4),
+    )  # fmt: skip
+    assert len(known) == many
+    assert known[:, tracks.MOVES].tolist() == [1.0] + [0.0] * (many - 1)
 
 
 def test_memory_forgets_what_lies_in_discs() -> None:

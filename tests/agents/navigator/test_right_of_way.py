@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents import peers
-from agents.navigator import announce, cells, gaps, roundabout, stuck, table
+from agents.navigator import announce, cells, gaps, roundabout, stuck, table, walls
 from swarm.geometry import Floats, Pose, Twist
 from swarm.messages import Beacon, Intent, Passage
 
@@ -195,16 +195,17 @@ def wall() -> Floats:
 
 
 PATH = np.stack((np.arange(0.0, 5.0, 0.2), np.zeros(25)), axis=1)
+CORRIDOR = np.stack((np.tile(np.arange(-1.5, 2.0, 0.07), 2), np.repeat((0.5, -0.3), 50)), axis=1)
 NOBODY = np.empty((0, table.COLUMNS))
 
 
 def test_a_gap_between_walls_is_found_and_one_between_posts_is_not() -> None:
     found = np.zeros(5)
-    gaps.find(wall(), PATH, NOBODY, 0.55, 1.05, found)
+    walls.find(wall(), PATH, NOBODY, 0.55, 1.05, found)
     assert abs(found[0] - 0.8) < 1e-9
     assert np.allclose(found[1:], (2.0, 0.0, 1.0, 0.0))
     found = np.zeros(5)
-    gaps.find(np.array([(2.0, 0.4), (2.0, -0.4)]), PATH, NOBODY, 0.55, 1.05, found)
+    walls.find(np.array([(2.0, 0.4), (2.0, -0.4)]), PATH, NOBODY, 0.55, 1.05, found)
     assert found[0] == 0.0
 
 
@@ -221,8 +222,9 @@ BODY = np.array((0.0, 0.0, 1.0, 0.0, 0.8, 0.2, 0.144, 0.64))
 CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
     (announce.path, (BODY, DT_S, 2, np.empty((8, 2)))),
     (announce.turn, (1.7,)),
-    (gaps.find, (wall(), PATH, peers_rows()[:2], 0.55, 1.05, np.zeros(5))),
-    (gaps.end, (wall(), 2.0, 0.0, 1.0, 0.0, 0.7)),
+    (walls.find, (wall(), PATH, peers_rows()[:2], 0.55, 1.05, np.zeros(5))),
+    (walls.end, (wall(), 2.0, 0.0, 1.0, 0.0, 0.7)),
+    (walls.inside, (CORRIDOR, PATH, 0.55, 1.05, np.zeros(5))),
     (
         roundabout.conflicts,
         (6.0, 1.0, 1.0, 0.2, peers_rows(), np.zeros(12), np.zeros(5)),

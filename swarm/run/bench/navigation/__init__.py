@@ -6,9 +6,9 @@ Group --make--> Case --course, by processes that share--> Run --rows--> table | 
 cases       a scenario and the times it is measured against
 encounters  families of several robots
 obstacles   families of one robot
-moving      a family of one robot among what moves
+moving      a family of robots among what moves
 data        families from public benchmark data, when it is there
-disturbed   families again, with noise, latency, speed errors, lost messages
+disturbed   families again, with noise, latency, speed errors, lost messages, drift
 stops       families again, with a robot that stops for good
 course      one run in memory, and what it came to
 rows        figures of all runs of a group, the worst runs

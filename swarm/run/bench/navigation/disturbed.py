@@ -1,6 +1,7 @@
 """Families again, under what robots outside a simulator have to bear.
 
-Group --disturbed--> Group of the same instances, with noise, latency, speed errors, lost messages
+Group --disturbed--> Group of the same instances, with noise, latency, speed errors, lost messages,
+or drift
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ DISTURBED = Disturbance(
     speed_error=0.05,
     loss_probability=0.2,
 )
+# Of odometry alone, on ways of some 12 m to goals that are 1 m wide.
+DRIFT = Disturbance(drift_m_per_m=0.02, drift_m_max=0.5)
 BURSTS = msgspec.structs.replace(DISTURBED, loss_ticks_max=5)
 
 SEVERAL = ("circle-swap", "pairs", "random", "door", "corridor", "collision-avoidance")
@@ -29,6 +32,7 @@ SEVERAL = ("circle-swap", "pairs", "random", "door", "corridor", "collision-avoi
 VARIANTS: dict[str, tuple[Disturbance, tuple[str, ...]]] = {
     "disturbed": (DISTURBED, (*SEVERAL, "barn")),
     "bursts": (BURSTS, SEVERAL),
+    "drift": (DRIFT, ("barn",)),
 }
 
 

@@ -1,9 +1,13 @@
-"""One robot among cylinders that move: the paper's random fields with 12 of them on their ways."""
+"""Robots among cylinders that move: the paper's random fields with some of them on their ways.
+
+One robot among 12 of them, from corner to corner; or several among 6, each to the place opposite,
+so that they meet each other and what moves in the middle.
+"""
 
 from __future__ import annotations
 
 from functools import partial
-from math import cos, pi, sin
+from math import atan2, cos, pi, sin
 
 import msgspec
 import numpy as np
@@ -25,45 +29,104 @@ GAP_M = 0.6
 KEEP_CLEAR_M = 1.5  # between a surface on its way and start or goal
 TRIES_MAX = 20_000  # draws of a way; at the bound the field is too full
 
+# Several robots, named by how many they are and how many move.
+SEVERAL = ((6, 6), (12, 6))
+SEVERAL_COUNT = 50
+SEVERAL_CIRCLES = 12  # that stand
+FROM_CENTRE_M = (6.0, 9.5)
+SPACING_M = 2.0  # between starts and goals, whosever
+
 
 def groups() -> tuple[Group, ...]:
     """All sizes."""
-    return tuple(
+    alone = [
         Group(
             family="moving", size=str(count), count=COUNT, make=partial(field, count), seeded=True
         )
         for count in SIZES
-    )
+    ]
+    several = [
+        Group(
+            family="moving",
+            size=f"{robots}among{ways}",
+            count=SEVERAL_COUNT,
+            make=partial(opposite, robots, ways),
+            seeded=True,
+        )
+        for robots, ways in SEVERAL
+    ]
+    return (*alone, *several)
 
 
 def field(count: int, number: int) -> Case:
     """From corner to corner of a field of the paper, through what moves."""
     case = obstacles.paper_field(count, number)
-    plan = case.scenario
-    (robot,) = plan.robots
-    assert robot.goal is not None
-    circles = [one.circle for one in scene.obstacles(plan) if one.circle is not None]
+    return _among(case, str(count), MOVERS, cases.draws(number))
+
+
+def opposite(robots: int, ways: int, number: int) -> Case:
+    """Several through the middle of a field of the paper, in which something moves as well."""
     generator = cases.draws(number)
+    middle_m = obstacles.FIELD_SIDE_M / 2.0
+    ends: list[Point] = []  # start, goal, start, ...
+    for _ in range(TRIES_MAX):
+        if len(ends) == 2 * robots:
+            break
+        angle, away = generator.random(2).tolist()
+        away_m = FROM_CENTRE_M[0] + away * (FROM_CENTRE_M[1] - FROM_CENTRE_M[0])
+        x_m, y_m = away_m * cos(2.0 * pi * angle), away_m * sin(2.0 * pi * angle)
+        start, goal = (middle_m + x_m, middle_m + y_m), (middle_m - x_m, middle_m - y_m)
+        if all(
+            geometry.length(place[0] - end[0], place[1] - end[1]) >= SPACING_M
+            for place in (start, goal)
+            for end in ends
+        ):
+            ends += [start, goal]
+    assert len(ends) == 2 * robots, "expected room for all, a smaller spacing gives more"
+    alone = obstacles.paper_field(SEVERAL_CIRCLES, number).scenario
+    case = cases.case(
+        "moving",
+        f"{robots}among{ways}",
+        number,
+        [
+            cases.robot(
+                row,
+                (*start, atan2(goal[1] - start[1], goal[0] - start[0])),
+                goal,
+                obstacles.PAPER,
+            )
+            for row, (start, goal) in enumerate(zip(ends[::2], ends[1::2], strict=True))
+        ],
+        duration_s=obstacles.FIELD_DURATION_S,
+        random_obstacles=alone.random_obstacles,
+        seed=alone.seed,
+    )
+    return _among(case, case.size, ways, generator)
+
+
+def _among(case: Case, size: str, count: int, generator: np.random.Generator) -> Case:
+    """The same with so many that move, clear of what stands, of starts and of goals."""
+    plan = case.scenario
+    circles = [one.circle for one in scene.obstacles(plan) if one.circle is not None]
+    ends = [robot.start[:2] for robot in plan.robots]
+    ends += [robot.goal for robot in plan.robots if robot.goal is not None]
     ways: list[Obstacle] = []
     for _ in range(TRIES_MAX):
-        if len(ways) == MOVERS:
+        if len(ways) == count:
             break
         begin, end, speed_mps = _way(generator)
         if all(
             _apart_m((x_m, y_m), begin, end) >= radius_m + GAP_M + RADIUS_M
             for x_m, y_m, radius_m in circles
-        ) and all(
-            _apart_m(place, begin, end) >= KEEP_CLEAR_M + RADIUS_M
-            for place in (robot.start[:2], robot.goal)
-        ):
+        ) and all(_apart_m(place, begin, end) >= KEEP_CLEAR_M + RADIUS_M for place in ends):
             ways.append(Obstacle(circle=(*begin, RADIUS_M), path=(end,), speed_mps=speed_mps))
-    assert len(ways) == MOVERS, "expected room for all ways, a smaller gap gives more"
+    assert len(ways) == count, "expected room for all ways, a smaller gap gives more"
     return msgspec.structs.replace(
         case,
         family="moving",
         scenario=msgspec.structs.replace(
             plan,
-            title=f"Bench: moving {count}, instance {number}",
+            title=f"Bench: moving {size}, instance {case.number}",
             obstacles=tuple(ways),
         ),
     )
