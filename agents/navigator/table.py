@@ -31,6 +31,8 @@ SHARE_SOONER, ABOUT_S = 0.25, 1.0
 # All announce their top speed, also when the guard holds them: how much of it is believed of one
 # that stands. Were it all, it would be fled from as if it came on.
 BELIEVED = 0.5
+# From this part of it on all of it: wheels go slower in curves, and whoever is behind would too.
+UNDER_WAY = 0.8
 
 
 def of(others: Sequence[Peer], x_m: float, y_m: float) -> tuple[Floats, list[Peer]]:
@@ -65,9 +67,9 @@ def of(others: Sequence[Peer], x_m: float, y_m: float) -> tuple[Floats, list[Pee
 def believed(velocity: Vec2, speed_mps: float) -> Vec2:
     """m/s, world: what to expect of an announced velocity at a measured speed."""
     most_mps = length(*velocity)
-    if most_mps <= abs(speed_mps):
+    if UNDER_WAY * most_mps <= abs(speed_mps):
         return velocity
-    share = BELIEVED + (1.0 - BELIEVED) * abs(speed_mps) / most_mps
+    share = BELIEVED + (1.0 - BELIEVED) * abs(speed_mps) / (UNDER_WAY * most_mps)
     return share * velocity[0], share * velocity[1]
 
 
