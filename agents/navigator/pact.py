@@ -48,8 +48,10 @@ GAP_M = 0.02
 # Of what is free each may use its part, the one that drives towards the other more, but no more
 # than that; equal parts where neither is faster towards the other than the other by much.
 EVEN, MOST, EVEN_MPS = 0.5, 0.6, 0.1
-# Part of what is surely free that may be used, and that surely is left, when nothing was heard.
-LATE = (1.0 - MOST) / 2.0
+# Part of what is surely free that may be used when nothing was heard. The peer may have heard and
+# use MOST of it: what both leave is surely left.
+UNHEARD = 0.25
+LEFT = 1.0 - MOST - UNHEARD
 
 PROMISED, STATIC = 0.0, 1.0
 # Columns of a peer after those of `announce.path`
@@ -440,9 +442,9 @@ def admit(
                 if known and (peers[peer, FRESH] > 0.0 or slack[peer, tick] < 0.0):
                     late_m = min(free_m, FREE_M)
                     for _ in range(back):
-                        late_m *= LATE
+                        late_m *= LEFT
                     least_m = max(least_m, late_m)
-                bounds[peer, tick] = LATE * least_m
+                bounds[peer, tick] = UNHEARD * least_m
 
     # Obstacles within reach of the fastest braking way.
     fastest_mps = faster * (max(abs(body[4]), abs(asked_v_mps)) + change[0])
@@ -530,12 +532,14 @@ def admit(
     for peer in range(count):
         age = int(peers[peer, AGE])
         for tick in range(ticks):
-            bound_m = bounds[peer, tick]
+            x_m, y_m = way[tick, 0] - own[0, tick, 0], way[tick, 1] - own[0, tick, 1]
             if age == 1:
-                used_m = more_m + normals[peer, tick, 0] * (way[tick, 0] - own[0, tick, 0])
-                used_m += normals[peer, tick, 1] * (way[tick, 1] - own[0, tick, 1])
-                bound_m -= used_m
-            slack[peer, tick] = max(0.0, bound_m)
+                left_m = bounds[peer, tick]
+                used_m = normals[peer, tick, 0] * x_m + normals[peer, tick, 1] * y_m
+            else:
+                left_m = (1.0 - MOST) / UNHEARD * bounds[peer, tick]
+                used_m = np.sqrt(x_m * x_m + y_m * y_m)
+            slack[peer, tick] = max(0.0, left_m - used_m - more_m)
 
 
 @compiled
