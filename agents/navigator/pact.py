@@ -55,7 +55,7 @@ LEFT = 1.0 - MOST - UNHEARD
 
 PROMISED, STATIC = 0.0, 1.0
 # Columns of a peer after those of `announce.path`
-AGE, KIND, FRESH, RADIUS = (announce.COLUMNS + column for column in range(4))
+AGE, KIND, FRESH, RADIUS, FASTEST = (announce.COLUMNS + column for column in range(5))
 BY_NONE, BY_OBSTACLE = -1, -2
 # One that stops at once instead, as a body does without a mind or without motors, is not touched
 # by so much.
@@ -163,6 +163,19 @@ def _some_doubts(setup: RobotSetup, doubt: Doubt, pending: tuple[Twist, ...]) ->
     return np.array((room_m, doubt.yaw_rad, way_m, turn_rad, share, 0.0))
 
 
+@lru_cache(maxsize=1024)
+def jumps(setup: RobotSetup) -> Floats:
+    """(2,) m and rad by which a peer's pose may jump between two beacons, by declared bounds."""
+    declared = setup.disturbance
+    step_m = declared.speed_error * setup.robot.speed_mps_max * setup.dt_s
+    return np.array(
+        (
+            2.0 * (declared.position_error_m_max + step_m) + 2.0 * OFF_M,
+            2.0 * declared.yaw_error_rad_max + declared.speed_error,
+        )
+    )
+
+
 @compiled
 def keep(body: Floats, doubts: Floats, dt_s: float) -> float:
     """Room to keep around a body all the way until it stands, by declared bounds.
@@ -256,7 +269,7 @@ def hold(
         row = announce.row(beacon, given, dt_s)
         link = known.get(beacon.name)
         fresh = link is None or link.tick < beacon.tick
-        rows.append([*row, age, PROMISED, float(fresh), beacon.body_radius_m])
+        rows.append([*row, age, PROMISED, float(fresh), beacon.body_radius_m, fastest_mps])
         need = announce.ticks(beacon.twist.speed_mps, given.deceleration_mps2, dt_s)
         count = max(count, need)
         if link is not None:
@@ -267,7 +280,7 @@ def hold(
         keep_m += setup.disturbance.position_error_m_max
         if peer.distance_m <= mine.keep_m + keep_m + 2.0 * reach_m + FREE_M:
             there = [peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, keep_m]
-            rows.append([*there, 1.0, STATIC, 1.0, peer.beacon.body_radius_m])
+            rows.append([*there, 1.0, STATIC, 1.0, peer.beacon.body_radius_m, 0.0])
             names.append(peer.beacon.name)
     if not rows:
         return State(state.tick, state.sent), None
@@ -298,6 +311,7 @@ def hold(
         brake.room(setup, points_m),
         dt_s,
         1.0 + setup.disturbance.speed_error,
+        jumps(setup),
         _PARTS,
         result,
     )
@@ -368,6 +382,7 @@ def admit(
     room_m: float,
     dt_s: float,
     faster: float,
+    jump: Floats,
     parts: Floats,
     result: Floats,
 ) -> None:
@@ -380,11 +395,13 @@ def admit(
         sent: (n, COLUMNS) own beacons of the last ticks, newest first; `sent_count` of them.
         most: (3,) bounds of the rates.
         change: (2,) greatest change of both in a tick.
-        peers: (peers, COLUMNS + 4): AGE in ticks, KIND, FRESH: heard since the last tick, RADIUS.
+        peers: (peers, COLUMNS + 5): AGE in ticks, KIND, FRESH: heard since the last tick, RADIUS,
+            FASTEST.
         slack: (peers, ticks) m, surely free at the coming ticks, negative where nothing is known;
             filled with what is after this tick.
         points: (points, 2) m, world; `room_m`: no nearer to them, or no nearer than now.
         faster: so many times as far as announced the body may get before obstacles.
+        jump: of `jumps`.
         result: (5,) v, omega, part, by whom it is less than one, whether from `start`.
     """
     ticks = slack.shape[1]
@@ -413,6 +430,9 @@ def admit(
     # What each peer allows at each tick: along a normal, or in all directions.
     normals = np.zeros((count, ticks, 2))
     bounds = np.empty((count, ticks))
+    # Half the angle of the cone about the normal in which that is which now counts: its sine.
+    sines = np.zeros((count, ticks))
+    moved = np.empty(announce.TICKS_MAX)
     place = np.empty((ticks, 2))
     for peer in range(count):
         age = int(peers[peer, AGE])
@@ -421,6 +441,8 @@ def admit(
         back = age - 1
         known = on_way and back < sent_count
         part = EVEN if static or sent_count == 0 else share(sent[0], peers[peer])
+        if back > 0:
+            changed(peers[peer], jump, dt_s, moved)
         for tick in range(ticks):
             if static:
                 x_m, y_m = place[tick, 0] - body[0], place[tick, 1] - body[1]
@@ -445,6 +467,14 @@ def admit(
                         late_m *= LEFT
                     least_m = max(least_m, late_m)
                 bounds[peer, tick] = UNHEARD * least_m
+                x_m, y_m = place[tick, 0] - own[0, tick, 0], place[tick, 1] - own[0, tick, 1]
+                apart_m = np.sqrt(x_m * x_m + y_m * y_m)
+                sines[peer, tick] = 1.0
+                moved_m = back * moved[min(tick + back, announce.TICKS_MAX) - 1]
+                if on_way and moved_m < apart_m:
+                    sines[peer, tick] = moved_m / apart_m
+                    normals[peer, tick, 0] = x_m / apart_m
+                    normals[peer, tick, 1] = y_m / apart_m
 
     # Obstacles within reach of the fastest braking way.
     fastest_mps = faster * (max(abs(body[4]), abs(asked_v_mps)) + change[0])
@@ -505,7 +535,7 @@ def admit(
         keep_m = keep(trial, start_doubts if corrects else body_doubts, dt_s)
         more_m = keep_m - keeps_m[0]
         if number < tries:
-            by = refused_by_peers(way, body, own[0], more_m, peers, normals, bounds)
+            by = refused_by_peers(way, body, own[0], more_m, peers, normals, bounds, sines)
             if by == BY_NONE:
                 by = refused_by_sudden(way, sudden, touches2_m2)
             if by == BY_NONE and nears > 0:
@@ -538,7 +568,7 @@ def admit(
                 used_m = normals[peer, tick, 0] * x_m + normals[peer, tick, 1] * y_m
             else:
                 left_m = (1.0 - MOST) / UNHEARD * bounds[peer, tick]
-                used_m = np.sqrt(x_m * x_m + y_m * y_m)
+                used_m = used(x_m, y_m, normals[peer, tick], sines[peer, tick])
             slack[peer, tick] = max(0.0, left_m - used_m - more_m)
 
 
@@ -563,6 +593,47 @@ def share(mine: Floats, theirs: Floats) -> float:
 
 
 @compiled
+def used(x_m: float, y_m: float, normal: Floats, sine: float) -> float:
+    """How far a move leads along that direction of a cone about a normal along which it leads most.
+
+    Args:
+        sine: of half the angle of the cone; 1: all directions.
+    """
+    length2_m2 = x_m * x_m + y_m * y_m
+    if sine >= 1.0:
+        return float(np.sqrt(length2_m2))
+    cosine = np.sqrt(1.0 - sine * sine)
+    along_m = normal[0] * x_m + normal[1] * y_m
+    aside_m = abs(normal[0] * y_m - normal[1] * x_m)
+    if along_m * sine >= aside_m * cosine:  # it is inside
+        return float(np.sqrt(length2_m2))
+    return float(cosine * along_m + sine * aside_m)
+
+
+@compiled
+def changed(row: Floats, jump: Floats, dt_s: float, moved: Floats) -> None:
+    """How far a peer's next announced way can at most lie off the one before, at each tick.
+
+    Both begin at one place but for a jump of the pose shown; motors speed up no faster than they
+    brake. The faster of both is no faster than the peer's top speed and braking from it allow.
+
+    Args:
+        row: of `admit`.
+        jump: of `jumps`.
+        moved: (TICKS_MAX,) m, filled.
+    """
+    change_mps = row[6] + row[6] / brake.BRAKES_SHARE
+    change_radps = 2.0 * row[7]
+    off_m = jump[0]
+    for tick in range(moved.shape[0]):
+        v_mps = row[FASTEST] - tick * row[6]
+        if v_mps > 0.0:
+            off_rad = jump[1] + change_radps * dt_s * (tick + 1)
+            off_m += dt_s * min(2.0 * v_mps, change_mps + v_mps * off_rad)
+        moved[tick] = off_m
+
+
+@compiled
 def refused_by_peers(
     way: Floats,
     body: Floats,
@@ -571,6 +642,7 @@ def refused_by_peers(
     peers: Floats,
     normals: Floats,
     bounds: Floats,
+    sines: Floats,
 ) -> int:
     """Row of the peer that a braking way comes too near to, or BY_NONE.
 
@@ -591,7 +663,7 @@ def refused_by_peers(
             if static or peers[peer, AGE] == 1.0:
                 if normals[peer, tick, 0] * x_m + normals[peer, tick, 1] * y_m > bound_m:
                     return peer
-            elif bound_m < 0.0 or x_m * x_m + y_m * y_m > bound_m * bound_m:
+            elif used(x_m, y_m, normals[peer, tick], sines[peer, tick]) > bound_m:
                 return peer
     return BY_NONE
 
