@@ -4,12 +4,12 @@
     asked, slewed --less and less of it--> first whose own braking way is admitted --> set-point
 
 At each future instant two announced places lie some way apart. Each robot may move its own towards
-the other by half of what that is more than both need, so the next two announced ways keep apart as
-well; and braking as announced changes nothing, so there is always something admitted.
+the other by its part of what that is more than both need, so the next two announced ways keep apart
+as well; and braking as announced changes nothing, so there is always something admitted.
 
-A beacon that was not heard: its sender has used at most half of what was free, and this robot knows
-a lower bound of that from what it did itself. It then uses a quarter of that bound, in whichever
-direction, and the next bound is a quarter of it: however many are lost, on whichever side.
+A beacon that was not heard: its sender has used at most its part of what was free, and this robot
+knows a lower bound of that from what it did itself. It then uses a quarter of that bound towards
+wherever the sender may be by now, and knows the next bound: however many are lost, on whichever side.
 """
 
 from __future__ import annotations

@@ -118,10 +118,10 @@ def test_nobody_goes_round_away_from_its_goal(
     centre: Vec2, target: Vec2, ring_m: float, meets: float
 ) -> None:
     way_rad = float(np.arctan2(target[1], target[0]))
-    _, direction_rad = roundabout.step(
+    _, turn = roundabout.step(
         roundabout.State(centre, ring_m=ring_m), (0.0, 0.0), target, way_rad, 1.0, 0.2,
         crossing(meets, 0.0), DT_S,
     )  # fmt: skip
-    if direction_rad is not None:
-        assert abs(wrap_angle(direction_rad - way_rad)) <= roundabout.TURN_RAD_MAX + 1e-9
+    if turn is not None:
+        assert abs(wrap_angle(turn.direction_rad - way_rad)) <= roundabout.TURN_RAD_MAX + 1e-9
         assert abs(wrap_angle(direction_rad - way_rad)) < 0.6 * pi

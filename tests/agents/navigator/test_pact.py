@@ -182,3 +182,76 @@ def test_who_seems_too_near_all_at_once_may_still_turn_and_leave(
     assert held.part == 1.0
     assert held.set_point != STILL
     assert held.corrects == (asked.speed_mps > 0.0)  # away by more than it seems too near
+
+
+NUMBERS = st.floats(-3.0, 3.0)
+
+
+@given(st.lists(NUMBERS, min_size=10, max_size=10))
+def test_what_is_free_is_shared_and_all_of_it(numbers: list[float]) -> None:
+    rows = np.zeros((2, announce.COLUMNS))
+    for row, (x_m, y_m, yaw_rad, v_mps, w_radps) in zip(
+        rows, (numbers[:5], numbers[5:]), strict=True
+    ):
+        row[:6] = (x_m, y_m, cos(yaw_rad), sin(yaw_rad), v_mps, w_radps)
+    mine, theirs = pact.share(rows[0], rows[1]), pact.share(rows[1], rows[0])
+    assert abs(mine + theirs - 1.0) < 1e-12
+    assert 1.0 - pact.MOST - 1e-12 <= mine <= pact.MOST + 1e-12
+
+
+def test_who_follows_may_use_more_of_it_than_who_leads() -> None:
+    rows = np.zeros((2, announce.COLUMNS))
+    rows[:, 2], rows[:, 4], rows[1, 0] = 1.0, 1.0, 0.7
+    assert pact.share(rows[0], rows[1]) == pact.MOST
+    rows[1, 2] = -1.0  # they meet
+    assert pact.share(rows[0], rows[1]) == pact.EVEN
+
+
+@given(NUMBERS, NUMBERS, st.floats(-pi, pi), st.floats(0.0, 1.0))
+def test_a_move_uses_what_it_uses_along_the_worst_normal_of_a_cone(
+    x_m: float, y_m: float, normal_rad: float, sine: float
+) -> None:
+    normal = np.array((cos(normal_rad), sin(normal_rad)))
+    used_m = pact.used(x_m, y_m, normal, sine)
+    half_rad = pi if sine >= 1.0 else float(np.arcsin(sine))
+    turns = normal_rad + np.linspace(-half_rad, half_rad, 361)
+    along_m = (x_m * np.cos(turns) + y_m * np.sin(turns)).max()
+    assert along_m - 1e-9 <= used_m <= along_m + 1e-3
+
+
+@given(
+    make=MAKES,
+    v_mps=st.floats(-0.3, 1.0),
+    w_radps=st.floats(-2.0, 2.0),
+    set_v_mps=st.floats(-0.3, 1.0),
+    set_w_radps=st.floats(-2.5, 2.5),
+)
+def test_a_newer_announcement_is_no_further_off_than_a_cone_allows_for(
+    make: crowd.Make, v_mps: float, w_radps: float, set_v_mps: float, set_w_radps: float
+) -> None:
+    dt_s = 0.08
+    brakes = (brake.BRAKES_SHARE * make.acceleration_mps2, make.turn_acceleration_radps2)
+    before = np.array(
+        (0.3, -0.2, cos(0.4), sin(0.4), make.speed_mps * v_mps, w_radps)
+        + (brakes[0] * dt_s, brakes[1] * dt_s, 0.3)
+    )
+    old = np.empty((announce.TICKS_MAX, 2))
+    announce.path(before, dt_s, 1, old)
+    first = np.empty((1, 2))
+    announce.path(before, dt_s, 0, first)
+    v, w = pact.reached(
+        before[4], before[5], make.speed_mps * set_v_mps, set_w_radps,
+        np.array((make.acceleration_mps2 * dt_s, make.turn_acceleration_radps2 * dt_s)),
+        np.array((make.speed_mps, make.speed_mps, 2.5)), 0.1,
+    )  # fmt: skip
+    turn_rad = 0.4 + before[5] * dt_s
+    after = before.copy()
+    after[:6] = (*first[0], cos(turn_rad), sin(turn_rad), v, w)
+    new = np.empty((announce.TICKS_MAX, 2))
+    announce.path(after, dt_s, 0, new)
+    row = np.zeros(pact.FASTEST + 1)
+    row[: announce.COLUMNS], row[pact.FASTEST] = before, make.speed_mps
+    moved = np.empty(announce.TICKS_MAX)
+    pact.changed(row, np.zeros(2), dt_s, moved)
+    off_m = np.sqrt(((new - old) ** 2).sum(axis=1))
+    assert (off_m <= moved + 1e-9).all()

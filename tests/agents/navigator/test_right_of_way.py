@@ -125,13 +125,14 @@ def test_one_that_comes_the_other_way_is_passed_on_its_left_side() -> None:
     rows[0, [table.SPEED, table.RADIUS, table.ACTIVE, table.SHARE, table.RISK]] = (
         1.0, 0.2, 1.0, 0.5, 1.0,
     )  # fmt: skip
-    state, direction_rad = roundabout.step(
+    state, turn = roundabout.step(
         roundabout.State(), (0.0, 0.0), (10.0, 0.0), 0.0, 1.0, 0.2, rows, DT_S
     )
     assert state.centre is not None
     assert abs(state.centre[0] - 2.0) < 1e-9
-    assert direction_rad is not None
-    assert -0.5 < direction_rad < 0.0
+    assert turn is not None
+    assert -0.5 < turn.direction_rad < 0.0
+    assert turn.share == 1.0  # there is room
 
 
 def test_who_stands_at_its_goal_stays_until_somebody_is_near() -> None:
@@ -164,6 +165,23 @@ def test_a_ring_does_not_jump_as_neighbours_come_into_sight() -> None:
     new, _ = roundabout.step(roundabout.State(), place, target, 0.0, 1.0, 0.2, rows, DT_S)
     assert few.ring_m < more.ring_m < new.ring_m
     assert more.ring_m - few.ring_m < 0.1 * (new.ring_m - few.ring_m)
+
+
+def test_who_is_too_near_behind_another_on_a_ring_falls_back() -> None:
+    bearings = [0.1, 0.1 + 2.0 * pi / 8.0, -1.0, 3.0]
+    spacing_m = 0.6
+    ring_m = roundabout.radius([2.0 * pi * k / 8.0 for k in range(8)], spacing_m)
+    assert abs(roundabout.zipped(bearings, spacing_m, ring_m) - 1.0) < 1e-9
+    bearings[1] = 0.1 + 0.75 * 2.0 * pi / 8.0
+    assert abs(roundabout.zipped(bearings, spacing_m, ring_m) - 0.75) < 1e-9
+    bearings[1] = 0.1  # beside it: one that stands must not stop it
+    assert roundabout.zipped(bearings, spacing_m, ring_m) == roundabout.SHARE_MIN
+    assert roundabout.zipped([0.1], spacing_m, ring_m) == 1.0
+
+
+def test_a_ring_of_many_keeps_where_it_is() -> None:
+    assert roundabout.steady(0) == roundabout.steady(roundabout.FEW) == 1.0
+    assert roundabout.steady(3 * roundabout.FEW) < 0.15
 
 
 def test_alone_in_the_open_the_cheapest_cell_is_the_way() -> None:
