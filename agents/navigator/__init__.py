@@ -118,7 +118,7 @@ def step(
     if state.failed:
         state = msgspec.structs.replace(state, intent=Intent(), yields_to=None)
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
-    rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m)
+    rows, near = table.of(others, frame.pose.x_m, frame.pose.y_m, parked=state.parked)
     more_m = 2.0 * estimate.error_m(setup)  # the guard keeps them so much further off
     if len(rows):
         rows[:, table.RADIUS] += more_m

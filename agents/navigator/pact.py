@@ -9,7 +9,7 @@ as well; and braking as announced changes nothing, so there is always something 
 
 A beacon that was not heard: its sender has used at most its part of what was free, and this robot
 knows a lower bound of that from what it did itself. It then uses a quarter of that bound towards
-wherever the sender may be by now, and knows the next bound: however many are lost, on whichever side.
+wherever the sender may be by now, and knows the next bound: however many are lost, on either side.
 """
 
 from __future__ import annotations

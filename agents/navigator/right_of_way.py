@@ -116,7 +116,7 @@ def step(
     free = not (waits or holds)
     # Alone, it is what the robot remembers that holds it: that is the memory's to doubt.
     stuck_ = stuck.step(
-        state.stuck, position, aim.distance_m, elapsed_s, free=free and len(peers) > 0
+        state.stuck, position, aim.distance_m, elapsed_s, free=not waits and len(peers) > 0
     )
     circle, round_, share = state.roundabout, False, 1.0
     if stuck_.escape_s > 0.0:

@@ -35,7 +35,9 @@ BELIEVED = 0.5
 UNDER_WAY = 0.8
 
 
-def of(others: Sequence[Peer], x_m: float, y_m: float) -> tuple[Floats, list[Peer]]:
+def of(
+    others: Sequence[Peer], x_m: float, y_m: float, *, parked: bool = False
+) -> tuple[Floats, list[Peer]]:
     """Rows of the peers in sight that can move, and those peers, both in order of their names."""
     rows: list[tuple[float, ...]] = []
     seen: list[Peer] = []
@@ -47,7 +49,9 @@ def of(others: Sequence[Peer], x_m: float, y_m: float) -> tuple[Floats, list[Pee
             u_x, u_y = peer.velocity()
             target, active, share = None, 0.0, SHARE_OTHERS
         else:
-            u_x, u_y = believed(intent.velocity, beacon.twist.speed_mps)
+            u_x, u_y = intent.velocity
+            if not parked:
+                u_x, u_y = believed(intent.velocity, beacon.twist.speed_mps)
             target, active = intent.target, 1.0 if intent.active else 0.0
             share = SHARE_PARKED if beacon.arrived else SHARE_OPEN
         if target is None:

@@ -43,8 +43,6 @@ STILL_MPS = 0.06  # slower over all its window, it has stopped
 GONE_TICKS, LOST_TICKS = 3, 12  # unseen for longer: forgotten; one that moves, behind something
 FREE_M = 0.07  # by how much beyond a place beams must have gone
 EVIDENCE_HITS, EVIDENCE_TICKS = 2, 2
-# What stood hidden may be seen first anywhere: it moves if it is faster than errors make it look.
-HIDDEN_MPS = 0.25
 HIDE_M = 0.12  # hits this near to what moves are its own
 
 
@@ -127,7 +125,7 @@ def follow(
         if len(old_m) == 0:
             continue
         beyond_m = FREE_M + unsure_m
-        hits = unknown = 0
+        hits = 0
         width = int(segment[LAST] - segment[FIRST]) % beams + 1
         for number_of in range(width):
             beam = (int(segment[FIRST]) + number_of) % beams
@@ -138,19 +136,13 @@ def follow(
                 hit_x, hit_y, beyond_m,
             ):  # fmt: skip
                 hits += 1
-            elif was_hidden(
-                old_m, bounds, old_pose[0], old_pose[1], old_pose[2], old_pose[3],
-                hit_x, hit_y, beyond_m,
-            ):  # fmt: skip
-                unknown += 1
-        error_mps = (0.3 * beam_rad * away_m + unsure_m / 3.0) * np.sqrt(per)
-        emerges = unknown >= EVIDENCE_HITS and speed_mps > HIDDEN_MPS + 2.0 * error_mps
         oldest = PLACES + 3 * (places - 1)
         left = was_free(
             raw_m, bounds, x_m, y_m, ahead, aside, track[oldest + 1], track[oldest + 2], beyond_m
         )
-        if hits >= EVIDENCE_HITS or left or emerges:
+        if hits >= EVIDENCE_HITS or left:
             track[EVIDENCE] += 1.0
+        error_mps = (0.3 * beam_rad * away_m + unsure_m / 3.0) * np.sqrt(per)
         if (
             places >= COUNT_MIN
             and track[EVIDENCE] >= EVIDENCE_TICKS
@@ -283,24 +275,6 @@ def was_free(
     after = beam + 1 if beam + 1 < beams else 0
     far_m = np.sqrt(dx * dx + dy * dy) + beyond_m
     return bool(ranges_m[before] > far_m and ranges_m[beam] > far_m and ranges_m[after] > far_m)
-
-
-@compiled
-def was_hidden(
-    ranges_m: Floats,
-    bounds: Floats,
-    x_m: float,
-    y_m: float,
-    ahead: float,
-    aside: float,
-    at_x: float,
-    at_y: float,
-    before_m: float,
-) -> bool:
-    """Whether the beam of a scan from (x, y) ended well before a place."""
-    dx, dy = at_x - x_m, at_y - y_m
-    beam = bin_of(bounds, ahead * dx + aside * dy, ahead * dy - aside * dx)
-    return bool(ranges_m[beam] < np.sqrt(dx * dx + dy * dy) - before_m)
 
 
 @compiled

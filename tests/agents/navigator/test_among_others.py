@@ -124,4 +124,4 @@ def test_nobody_goes_round_away_from_its_goal(
     )  # fmt: skip
     if turn is not None:
         assert abs(wrap_angle(turn.direction_rad - way_rad)) <= roundabout.TURN_RAD_MAX + 1e-9
-        assert abs(wrap_angle(direction_rad - way_rad)) < 0.6 * pi
+        assert abs(wrap_angle(turn.direction_rad - way_rad)) < 0.6 * pi

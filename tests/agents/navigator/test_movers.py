@@ -219,20 +219,6 @@ def test_what_moves_close_beside_a_peer_is_no_peer(gap_m: float) -> None:
     assert counts[10:] == [1] * 10
 
 
-@pytest.mark.parametrize(
-    ("peer", "moving", "known"),
-    [
-        ((0.8, 0.0, 0.0, -0.4, 0.22), (1.6, 0.0, -0.6, 0.0, 0.25), 10),
-        ((0.7, 0.0, 0.0, -0.6, 0.22), (2.2, 0.3, -0.9, -0.1, 0.25), 7),
-    ],
-)
-def test_what_comes_out_from_behind_a_peer_is_known_soon(
-    peer: Moving, moving: Moving, known: int
-) -> None:
-    """Nobody saw whether it was free where it comes from: that took up to three ticks more."""
-    assert 1 in among([peer], [moving], known)
-
-
 @pytest.mark.parametrize("sigma_m", [0.0, 0.01])
 @pytest.mark.parametrize("speed_mps", [0.2, 0.6, 1.0])
 def test_what_stands_does_not_move_as_a_peer_uncovers_it(speed_mps: float, sigma_m: float) -> None:

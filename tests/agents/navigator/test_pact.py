@@ -232,8 +232,10 @@ def test_a_newer_announcement_is_no_further_off_than_a_cone_allows_for(
     dt_s = 0.08
     brakes = (brake.BRAKES_SHARE * make.acceleration_mps2, make.turn_acceleration_radps2)
     before = np.array(
-        (0.3, -0.2, cos(0.4), sin(0.4), make.speed_mps * v_mps, w_radps)
-        + (brakes[0] * dt_s, brakes[1] * dt_s, 0.3)
+        (
+            *(0.3, -0.2, cos(0.4), sin(0.4), make.speed_mps * v_mps, w_radps),
+            *(brakes[0] * dt_s, brakes[1] * dt_s, 0.3),
+        )
     )
     old = np.empty((announce.TICKS_MAX, 2))
     announce.path(before, dt_s, 1, old)
