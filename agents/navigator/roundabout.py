@@ -117,8 +117,9 @@ def step(
     for row in met.nonzero()[0].tolist():
         bearings.append(atan2(float(peers[row, 1]) - y_m, float(peers[row, 0]) - x_m))
         spacing_m = max(spacing_m, radius_m + float(peers[row, table.RADIUS]) + RING_M)
-    ring_m = radius(bearings, spacing_m)
-    ring_m = max(ring_m, min(radius(bearings, spacing_m + WIDE_M), SMALL_M))
+    apart_rad = gap(bearings)
+    ring_m = radius(apart_rad, spacing_m)
+    ring_m = max(ring_m, min(radius(apart_rad, spacing_m + WIDE_M), SMALL_M))
     if len(bearings) > 1:  # else nobody is in the way any more: the ring may be left
         if state.ring_m > 0.0 and max(state.ring_m, ring_m) <= LARGE_M:
             ring_m = state.ring_m + FOLLOW_RING * steady(state.most) * (ring_m - state.ring_m)
@@ -167,10 +168,10 @@ def strays(centre: Vec2, seen: Vec2, ring_m: float) -> bool:
     return length(seen[0] - centre[0], seen[1] - centre[1]) > max(ring_m, STRAY_M)
 
 
-def radius(bearings: list[float], spacing_m: float) -> float:
-    """Of a circle on which those at such bearings go at a distance from each other, m."""
+def gap(bearings: list[float]) -> float:
+    """Mean angle between neighbours at such bearings, rad; 2 pi for one alone."""
     if len(bearings) < 2:
-        return spacing_m / 2.0
+        return 2.0 * pi
     order = sorted(bearings)
     gaps = [after - before for before, after in pairwise(order)]
     gaps.append(2.0 * pi - (order[-1] - order[0]))
@@ -178,7 +179,12 @@ def radius(bearings: list[float], spacing_m: float) -> float:
     largest_rad = max(gaps)
     if largest_rad > LONE_GAP * mean_rad:
         mean_rad = (2.0 * pi - largest_rad) / (len(order) - 1)
-    half = sin(min(pi, mean_rad) / 2.0)
+    return mean_rad
+
+
+def radius(apart_rad: float, spacing_m: float) -> float:
+    """Of a circle on which those so many radians apart go at a distance from each other, m."""
+    half = sin(min(pi, apart_rad) / 2.0)
     return RADIUS_M_MAX if half <= 0.0 else min(RADIUS_M_MAX, spacing_m / (2.0 * half))
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents import peers
+from agents.navigator.compiled import compiled
 from agents.peers import Peer
 from swarm.geometry import Floats, Vec2, length
 
@@ -50,7 +51,7 @@ def of(
             target, active, share = None, 0.0, SHARE_OTHERS
         else:
             u_x, u_y = intent.velocity
-            if not parked:
+            if not parked and abs(beacon.twist.speed_mps) < UNDER_WAY * beacon.speed_mps_max:
                 u_x, u_y = believed(intent.velocity, beacon.twist.speed_mps)
             target, active = intent.target, 1.0 if intent.active else 0.0
             share = SHARE_PARKED if beacon.arrived else SHARE_OPEN
@@ -77,6 +78,7 @@ def believed(velocity: Vec2, speed_mps: float) -> Vec2:
     return share * velocity[0], share * velocity[1]
 
 
+@compiled
 def prefer_nearer(rows: Floats, distance_m: float, speed_mps: float) -> None:
     """Share giving way by who gets to its target sooner: the two shares add up to one.
 
@@ -85,8 +87,10 @@ def prefer_nearer(rows: Floats, distance_m: float, speed_mps: float) -> None:
         distance_m, speed_mps: of this robot to its target, and its top speed.
     """
     mine_s = distance_m / speed_mps
-    for row in rows:
-        if row[ACTIVE] > 0.0 and row[SHARE] == SHARE_OPEN:
-            away_m = length(row[TARGET_X] - row[X], row[TARGET_Y] - row[Y])
-            theirs_s = away_m / row[SPEED]
-            row[SHARE] += SHARE_SOONER * (mine_s - theirs_s) / (mine_s + theirs_s + ABOUT_S)
+    for row in range(rows.shape[0]):
+        if rows[row, ACTIVE] > 0.0 and rows[row, SHARE] == SHARE_OPEN:
+            x_m = rows[row, TARGET_X] - rows[row, X]
+            y_m = rows[row, TARGET_Y] - rows[row, Y]
+            theirs_s = np.sqrt(x_m * x_m + y_m * y_m) / rows[row, SPEED]
+            more = (mine_s - theirs_s) / (mine_s + theirs_s + ABOUT_S)
+            rows[row, SHARE] += SHARE_SOONER * more

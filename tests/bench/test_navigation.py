@@ -196,7 +196,8 @@ def test_plan_has_the_full_sizes_when_nothing_is_asked(folder: Path) -> None:
         "paper-fields": 300,
         "paper-u": 30,
         "paper-walls": 30,
-        "moving": 400,
+        "moving": 300,
+        "moving-several": 50,
         "barn": 2,
         "collision-avoidance": 1,
     }

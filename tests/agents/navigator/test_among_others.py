@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.navigator import cells, roundabout, table
-from swarm.geometry import Floats, Vec2, length, wrap_angle
+from swarm.geometry import Floats, Pose, Vec2, length, wrap_angle
+from swarm.messages import Intent
+from tests.agents import scenes
 
 DT_S = 0.08
 place_m = st.floats(-5.0, 5.0)
@@ -125,3 +127,13 @@ def test_nobody_goes_round_away_from_its_goal(
     if turn is not None:
         assert abs(wrap_angle(turn.direction_rad - way_rad)) <= roundabout.TURN_RAD_MAX + 1e-9
         assert abs(wrap_angle(turn.direction_rad - way_rad)) < 0.6 * pi
+
+
+def test_who_stands_at_its_goal_believes_who_wants_to_pass() -> None:
+    """Who is held by its guard means it: only the one that stands in its way can end that."""
+    intent = Intent((-1.0, 0.0), (-3.0, 0.0), True)
+    others = [scenes.peer(scenes.beacon("robot2", Pose(1.0, 0.0, pi), intent=intent))]
+    parked, _ = table.of(others, 0.0, 0.0, parked=True)
+    going, _ = table.of(others, 0.0, 0.0)
+    assert parked[0, table.U_X] == -1.0
+    assert going[0, table.U_X] == -table.BELIEVED

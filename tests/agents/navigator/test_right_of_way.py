@@ -113,10 +113,10 @@ def opposing_claims(
 
 def test_the_ring_is_as_wide_as_those_on_it_need() -> None:
     eight = [pi * number / 4.0 - pi for number in range(8)]
-    assert abs(roundabout.radius(eight, 0.6) - 0.3 / np.sin(pi / 8.0)) < 1e-9
+    assert abs(roundabout.radius(roundabout.gap(eight), 0.6) - 0.3 / np.sin(pi / 8.0)) < 1e-9
     near = [0.0, 0.2, 0.4]  # the rest of the ring is not known
-    assert abs(roundabout.radius(near, 0.6) - 0.3 / np.sin(0.1)) < 1e-9
-    assert roundabout.radius([1.0, 1.0], 0.6) <= roundabout.RADIUS_M_MAX
+    assert abs(roundabout.radius(roundabout.gap(near), 0.6) - 0.3 / np.sin(0.1)) < 1e-9
+    assert roundabout.radius(roundabout.gap([1.0, 1.0]), 0.6) <= roundabout.RADIUS_M_MAX
 
 
 def test_one_that_comes_the_other_way_is_passed_on_its_left_side() -> None:
@@ -170,7 +170,7 @@ def test_a_ring_does_not_jump_as_neighbours_come_into_sight() -> None:
 def test_who_is_too_near_behind_another_on_a_ring_falls_back() -> None:
     bearings = [0.1, 0.1 + 2.0 * pi / 8.0, -1.0, 3.0]
     spacing_m = 0.6
-    ring_m = roundabout.radius([2.0 * pi * k / 8.0 for k in range(8)], spacing_m)
+    ring_m = roundabout.radius(2.0 * pi / 8.0, spacing_m)
     assert abs(roundabout.zipped(bearings, spacing_m, ring_m) - 1.0) < 1e-9
     bearings[1] = 0.1 + 0.75 * 2.0 * pi / 8.0
     assert abs(roundabout.zipped(bearings, spacing_m, ring_m) - 0.75) < 1e-9

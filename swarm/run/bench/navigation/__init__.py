@@ -56,7 +56,7 @@ CONTROLLERS: tuple[Controller, ...] = get_args(Controller)
 STAGES: tuple[Stage, ...] = get_args(Stage)
 FAMILIES = (
     *("circle-swap", "pairs", "random", "door", "corridor"),
-    *("traps", "paper-fields", "paper-u", "paper-walls", "moving"),
+    *("traps", "paper-fields", "paper-u", "paper-walls", "moving", "moving-several"),
     *("barn", "collision-avoidance"),
 )
 # Families again, under something; named by the word at their end all at once. By name only: all of

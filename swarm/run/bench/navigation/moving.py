@@ -30,7 +30,7 @@ KEEP_CLEAR_M = 1.5  # between a surface on its way and start or goal
 TRIES_MAX = 20_000  # draws of a way; at the bound the field is too full
 
 # Several robots, named by how many they are and how many move.
-SEVERAL = ((6, 6), (12, 6))
+SEVERAL = ((6, 6),)
 SEVERAL_COUNT = 50
 SEVERAL_CIRCLES = 12  # that stand
 FROM_CENTRE_M = (6.0, 9.5)
@@ -47,7 +47,7 @@ def groups() -> tuple[Group, ...]:
     ]
     several = [
         Group(
-            family="moving",
+            family="moving-several",
             size=f"{robots}among{ways}",
             count=SEVERAL_COUNT,
             make=partial(opposite, robots, ways),
@@ -61,7 +61,7 @@ def groups() -> tuple[Group, ...]:
 def field(count: int, number: int) -> Case:
     """From corner to corner of a field of the paper, through what moves."""
     case = obstacles.paper_field(count, number)
-    return _among(case, str(count), MOVERS, cases.draws(number))
+    return _among(case, "moving", str(count), MOVERS, cases.draws(number))
 
 
 def opposite(robots: int, ways: int, number: int) -> Case:
@@ -85,7 +85,7 @@ def opposite(robots: int, ways: int, number: int) -> Case:
     assert len(ends) == 2 * robots, "expected room for all, a smaller spacing gives more"
     alone = obstacles.paper_field(SEVERAL_CIRCLES, number).scenario
     case = cases.case(
-        "moving",
+        "moving-several",
         f"{robots}among{ways}",
         number,
         [
@@ -101,10 +101,10 @@ def opposite(robots: int, ways: int, number: int) -> Case:
         random_obstacles=alone.random_obstacles,
         seed=alone.seed,
     )
-    return _among(case, case.size, ways, generator)
+    return _among(case, case.family, case.size, ways, generator)
 
 
-def _among(case: Case, size: str, count: int, generator: np.random.Generator) -> Case:
+def _among(case: Case, family: str, size: str, count: int, generator: np.random.Generator) -> Case:
     """The same with so many that move, clear of what stands, of starts and of goals."""
     plan = case.scenario
     circles = [one.circle for one in scene.obstacles(plan) if one.circle is not None]
@@ -123,10 +123,10 @@ def _among(case: Case, size: str, count: int, generator: np.random.Generator) ->
     assert len(ways) == count, "expected room for all ways, a smaller gap gives more"
     return msgspec.structs.replace(
         case,
-        family="moving",
+        family=family,
         scenario=msgspec.structs.replace(
             plan,
-            title=f"Bench: moving {size}, instance {case.number}",
+            title=f"Bench: {family} {size}, instance {case.number}",
             obstacles=tuple(ways),
         ),
     )
