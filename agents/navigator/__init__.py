@@ -18,7 +18,8 @@ headway       whether it gets on: doubts, blocked, failed
 speed         clearance along the way -> the highest speed
 right_of_way  who goes first                                (roundabout, gaps, walls, stuck)
 drive         direction, speed -> what to ask of the motors (cells in time, forces)
-last_word     asked -> allowed                              (dodge, brake, pact, announce)
+last_word     asked -> allowed                              (dodge, brake, announce,
+              pact: pledge, admission)
 corridor      bearings of a slot that are free of all that is known, for formations
 warm          all inner loops called once, before robots are started
 """

@@ -18,9 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from agents.navigator import brake
+from agents.navigator.admission import reached
 from agents.navigator.announce import turn
 from agents.navigator.compiled import compiled
-from agents.navigator.pact import reached
 from swarm.geometry import Floats, Twist
 from swarm.scenario import RobotSetup
 

@@ -9,7 +9,7 @@ import msgspec
 
 from agents import lateness, msam, peers, steering
 from agents.guard import Limit, share
-from agents.navigator import brake, dodge, estimate, movers, pact, predict
+from agents.navigator import brake, dodge, estimate, movers, pact, pledge, predict
 from agents.navigator.state import State, obstacles, standing
 from agents.peers import Peer
 from swarm import geometry
@@ -107,10 +107,10 @@ def promise(
     setup: RobotSetup, state: State, frame: SensorFrame, late: lateness.State, set_point: Twist
 ) -> Promise | None:
     """What a robot promises, None when it stops too slowly or is later than all are."""
-    if not pact.is_kept(setup) or late.late_ticks != setup.disturbance.latency_ticks:
+    if not pledge.is_kept(setup) or late.late_ticks != setup.disturbance.latency_ticks:
         return None
     pending = predict.pending(setup, late, frame)
-    return pact.promise(setup, set_point, state.where.doubt, pending)
+    return pledge.promise(setup, set_point, state.where.doubt, pending)
 
 
 def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from agents import lateness, peers
-from agents.navigator import estimate, pact, predict
+from agents.navigator import estimate, pact, pledge, predict
 from agents.peers import Peer
 from swarm import geometry, messages
 from swarm.geometry import STILL, Pose, Twist
@@ -97,7 +97,7 @@ def least_gap_m(
         disturbance=declared,
     )  # fmt: skip
     setups = [plan.setup(body.name) for body in bodies]
-    keeps_m = [body.body_radius_m + pact.pad_m(setup) for body, setup in _pairs(bodies, setups)]
+    keeps_m = [body.body_radius_m + pledge.pad_m(setup) for body, setup in _pairs(bodies, setups)]
     factors = [1.0 + declared.speed_error * draw.choice((-1.0, 1.0)) for _ in bodies]
     lates = [lateness.State(late_ticks=declared.latency_ticks) for _ in bodies]
     wheres = [estimate.State() for _ in bodies]
@@ -154,7 +154,7 @@ def least_gap_m(
             beacon = Beacon(
                 body.name, tick, 0, where.pose, set_point, body.body_radius_m,
                 body.speed_mps_max, "GO", False, (0, 0, 0, row),
-                promise=pact.promise(setup, set_point, where.doubt, pending),
+                promise=pledge.promise(setup, set_point, where.doubt, pending),
             )  # fmt: skip
             states[row] = pact.send(setup, states[row], beacon)
             new.append(beacon)

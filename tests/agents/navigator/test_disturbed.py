@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from agents import lateness, navigator, peers, robot
 from agents.lateness import State as Late
-from agents.navigator import announce, brake, estimate, headway, pact, predict
+from agents.navigator import admission, announce, brake, estimate, headway, pledge, predict
 from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import STILL, Pose, Twist
@@ -96,8 +96,8 @@ def test_where_nothing_is_declared_it_believes_what_it_is_shown() -> None:
     frame = scenes.frame("robot1", 3, Pose(1.0, 2.0, 0.5), Twist(0.5, 0.1))
     state, located = navigator.locate(setup, navigator.State(), frame)
     assert located is frame
-    assert pact.promise(setup, Twist(0.5, 0.0), state.where.doubt).keep_m == pytest.approx(
-        setup.robot.body_radius_m + pact.pad_m(setup)
+    assert pledge.promise(setup, Twist(0.5, 0.0), state.where.doubt).keep_m == pytest.approx(
+        setup.robot.body_radius_m + pledge.pad_m(setup)
     )
 
 
@@ -131,11 +131,11 @@ def test_who_brakes_as_announced_keeps_no_more_room(
     setup = setup_of()
     doubt = estimate.Doubt(doubt_m, yaw_rad)
     twist = motion.limited(setup.robot, Twist(*first), Twist(*first), dt_s=setup.dt_s)
-    before = pact.promise(setup, twist, doubt).keep_m
+    before = pledge.promise(setup, twist, doubt).keep_m
     for _ in range(8):
         doubt = estimate.driven(setup, doubt, twist)
         twist = brake.braked(setup, twist)
-        now = pact.promise(setup, twist, doubt).keep_m
+        now = pledge.promise(setup, twist, doubt).keep_m
         assert now <= before + 1e-9
         before = now
 
@@ -150,7 +150,7 @@ def test_what_late_motors_will_do_is_the_same_for_sender_and_hearer(
     frame = scenes.frame("robot1", 7, Pose(0.5, -1.0, 2.0), Twist(*now))
     there = predict.ahead(setup, late, frame).pose
     pending = predict.pending(setup, late, frame)
-    promise = pact.promise(setup, Twist(0.3, 0.1), pending=pending)
+    promise = pledge.promise(setup, Twist(0.3, 0.1), pending=pending)
     beacon = Beacon(
         "robot1", 7, 0, frame.pose, Twist(0.3, 0.1), 0.22, 1.0, "GO", False, (0, 0, 0, 0),
         promise=promise,
@@ -250,8 +250,8 @@ def test_kernels_and_plain_python_agree() -> None:
     touches = np.array([[0.2, 0.15]])
     for kernel, given_ in (
         (announce.length, (body, 0.08)),
-        (pact.keep, (body, doubts, 0.08)),
-        (pact.refused_by_sudden, (way, sudden, touches)),
+        (pledge.keep, (body, doubts, 0.08)),
+        (admission.refused_by_sudden, (way, sudden, touches)),
     ):
         plain: Any = getattr(kernel, "py_func", kernel)
         fast: Any = kernel

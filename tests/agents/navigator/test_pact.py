@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents import peers
-from agents.navigator import announce, brake, estimate, pact
+from agents.navigator import admission, announce, brake, estimate, pact, pledge
 from swarm.geometry import STILL, Pose, Twist
 from swarm.messages import Beacon
 from swarm.run.bench.navigation.cases import NEUTRAL
@@ -128,7 +128,7 @@ def test_what_is_reached_is_what_the_world_makes_of_it(
     twist = motion.limited(NEUTRAL, asked, asked, dt_s=0.08)
     goal = Twist(twist.speed_mps + change[0], twist.turn_rate_radps + change[1])
     world = motion.limited(NEUTRAL, twist, goal, dt_s=0.08)
-    v_mps, w_radps = pact.reached(
+    v_mps, w_radps = admission.reached(
         twist.speed_mps,
         twist.turn_rate_radps,
         goal.speed_mps,
@@ -165,7 +165,7 @@ def test_who_seems_too_near_all_at_once_may_still_turn_and_leave(
     )  # fmt: skip
     mine, other = (plan.setup(row.name) for row in plan.robots)
     doubt = estimate.Doubt(0.02, 0.02)
-    told, heard = (pact.promise(setup, STILL, doubt) for setup in (mine, other))
+    told, heard = (pledge.promise(setup, STILL, doubt) for setup in (mine, other))
     stands, beside = Pose(0.0, 0.0, yaw_rad), Pose(0.0, told.keep_m + heard.keep_m, 0.0)
     own, peer = (
         Beacon(name, 0, 0, pose, STILL, 0.2, 1.0, "GO", False, (0, 0, 0, 0), promise=promise)
@@ -194,17 +194,17 @@ def test_what_is_free_is_shared_and_all_of_it(numbers: list[float]) -> None:
         rows, (numbers[:5], numbers[5:]), strict=True
     ):
         row[:6] = (x_m, y_m, cos(yaw_rad), sin(yaw_rad), v_mps, w_radps)
-    mine, theirs = pact.share(rows[0], rows[1]), pact.share(rows[1], rows[0])
+    mine, theirs = admission.share(rows[0], rows[1]), admission.share(rows[1], rows[0])
     assert abs(mine + theirs - 1.0) < 1e-12
-    assert 1.0 - pact.MOST - 1e-12 <= mine <= pact.MOST + 1e-12
+    assert 1.0 - admission.MOST - 1e-12 <= mine <= admission.MOST + 1e-12
 
 
 def test_who_follows_may_use_more_of_it_than_who_leads() -> None:
     rows = np.zeros((2, announce.COLUMNS))
     rows[:, 2], rows[:, 4], rows[1, 0] = 1.0, 1.0, 0.7
-    assert pact.share(rows[0], rows[1]) == pact.MOST
+    assert admission.share(rows[0], rows[1]) == admission.MOST
     rows[1, 2] = -1.0  # they meet
-    assert pact.share(rows[0], rows[1]) == pact.EVEN
+    assert admission.share(rows[0], rows[1]) == admission.EVEN
 
 
 @given(NUMBERS, NUMBERS, st.floats(-pi, pi), st.floats(0.0, 1.0))
@@ -212,7 +212,7 @@ def test_a_move_uses_what_it_uses_along_the_worst_normal_of_a_cone(
     x_m: float, y_m: float, normal_rad: float, sine: float
 ) -> None:
     normal = np.array((cos(normal_rad), sin(normal_rad)))
-    used_m = pact.used(x_m, y_m, normal, sine)
+    used_m = admission.used(x_m, y_m, normal, sine)
     half_rad = pi if sine >= 1.0 else float(np.arcsin(sine))
     turns = normal_rad + np.linspace(-half_rad, half_rad, 361)
     along_m = (x_m * np.cos(turns) + y_m * np.sin(turns)).max()
@@ -241,7 +241,7 @@ def test_a_newer_announcement_is_no_further_off_than_a_cone_allows_for(
     announce.path(before, dt_s, 1, old)
     first = np.empty((1, 2))
     announce.path(before, dt_s, 0, first)
-    v, w = pact.reached(
+    v, w = admission.reached(
         before[4], before[5], make.speed_mps * set_v_mps, set_w_radps,
         np.array((make.acceleration_mps2 * dt_s, make.turn_acceleration_radps2 * dt_s)),
         np.array((make.speed_mps, make.speed_mps, 2.5)), 0.1,
@@ -251,9 +251,9 @@ def test_a_newer_announcement_is_no_further_off_than_a_cone_allows_for(
     after[:6] = (*first[0], cos(turn_rad), sin(turn_rad), v, w)
     new = np.empty((announce.TICKS_MAX, 2))
     announce.path(after, dt_s, 0, new)
-    row = np.zeros(pact.FASTEST + 1)
-    row[: announce.COLUMNS], row[pact.FASTEST] = before, make.speed_mps
+    row = np.zeros(admission.FASTEST + 1)
+    row[: announce.COLUMNS], row[admission.FASTEST] = before, make.speed_mps
     moved = np.empty(announce.TICKS_MAX)
-    pact.changed(row, np.zeros(2), dt_s, moved)
+    admission.changed(row, np.zeros(2), dt_s, moved)
     off_m = np.sqrt(((new - old) ** 2).sum(axis=1))
     assert (off_m <= moved + 1e-9).all()
