@@ -5,13 +5,16 @@ from __future__ import annotations
 from math import pi
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.navigator import cells, roundabout, table
+from agents.navigator import cells, gaps, right_of_way, roundabout, table
+from agents.navigator.aim import Aim
 from swarm.geometry import Floats, Pose, Vec2, length, wrap_angle
-from swarm.messages import Intent
+from swarm.messages import Intent, Passage
 from tests.agents import scenes
+from tests.agents.navigator.test_movers import setup_of
 
 DT_S = 0.08
 place_m = st.floats(-5.0, 5.0)
@@ -137,3 +140,22 @@ def test_who_stands_at_its_goal_believes_who_wants_to_pass() -> None:
     going, _ = table.of(others, 0.0, 0.0)
     assert parked[0, table.U_X] == -1.0
     assert going[0, table.U_X] == -table.BELIEVED
+
+
+def test_a_holder_of_a_gap_that_gets_nowhere_turns_aside_as_others_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    holding = gaps.State(Passage(True, (1.0, 0.0), (1.0, 0.0), 1))
+    monkeypatch.setattr(gaps, "step", lambda *_: (holding, gaps.Rule(None, waits=False)))
+    aim = Aim(0.0, 1.0, (9.0, 0.0), 9.0, is_last=True, open_mps=1.0)
+    rows = np.array([row((0.0, 0.45), (0.0, 0.45), share=table.SHARE_PARKED)])
+    state, turned_rad = right_of_way.State(), 0.0
+    nothing = np.empty((0, 2))
+    for tick in range(60):
+        state, course = right_of_way.step(
+            *(setup_of(), state, scenes.frame(tick=tick), aim, (9.0, 0.0)),
+            *((), rows, (), nothing, nothing, DT_S),
+            parked=False,
+        )
+        turned_rad = max(turned_rad, abs(course.direction_rad))
+    assert turned_rad > 0.5 * pi
