@@ -24,8 +24,7 @@ PARKED_SPEED = 0.6  # a parked robot moves aside no faster
 
 OBSTACLE_M = 0.06  # room beside the strip that has to be free
 PEER_M = 0.1  # room to peers
-NEAR_PEER_M = 0.01  # where it is less already, it may at least not become less
-NEARER_M = 0.02
+NEAR_PEER_M = 0.01  # where it is less already, it may not become less: the guard would not let it
 OBSTACLE_S, PEER_S = 1.5, 2.5  # contacts after this do not matter
 PARKED_PEER_S = 1.0  # who stands at its goal stays until somebody is this near
 CONTACT_COST = 0.3
@@ -146,7 +145,7 @@ def peer_s(
     keep_m = touch_m + PEER_M
     apart2_m2 = row[table.X] * row[table.X] + row[table.Y] * row[table.Y]
     if apart2_m2 < keep_m * keep_m:
-        keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2) - NEARER_M)
+        keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2))
     return contact_s(row[table.X], row[table.Y], v_x, v_y, keep_m)
 
 
@@ -163,7 +162,7 @@ def beyond_s(u_x: float, u_y: float, end_s: float, radius_m: float, row: Floats)
     keep_m = touch_m + PEER_M
     apart2_m2 = row[table.X] * row[table.X] + row[table.Y] * row[table.Y]
     if apart2_m2 < keep_m * keep_m:
-        keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2) - NEARER_M)
+        keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2))
     after_s = contact_s(row[table.X], row[table.Y], u_x, u_y, keep_m)
     return after_s if after_s < end_s else np.inf
 
