@@ -159,3 +159,16 @@ def test_a_holder_of_a_gap_that_gets_nowhere_turns_aside_as_others_do(
         )
         turned_rad = max(turned_rad, abs(course.direction_rad))
     assert turned_rad > 0.5 * pi
+
+
+@pytest.mark.parametrize("off_rad", [0.3, 0.8, 1.2, 1.36, 1.5])
+def test_it_chooses_nothing_that_brings_it_nearer_to_one_it_all_but_touches(off_rad: float) -> None:
+    """The guard would refuse that, in this tick and in all to come."""
+    rows = np.array([row((0.452, 0.0), (0.3, 0.0), share=table.SHARE_OPEN)])
+    still = (0.0, 0.0)
+    choice = cells.choose(
+        off_rad, 1.0, off_rad, still, still, 0.2, 1.0, rows, np.empty((0, 2)),
+        keeps_right=False, parked=False, slow_mps=1.0,
+    )  # fmt: skip
+    assert choice.speed_mps * np.cos(choice.direction_rad) <= 1e-9
+    assert choice.speed_mps > 0.0 or off_rad < 0.5
