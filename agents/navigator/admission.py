@@ -84,7 +84,7 @@ def admit(
     room_m: float,
     dt_s: float,
     faster: float,
-    jump: Floats,
+    errors: Floats,
     parts: Floats,
     result: Floats,
 ) -> None:
@@ -103,7 +103,7 @@ def admit(
             filled with what is after this tick.
         points: (points, 2) m, world; `room_m`: no nearer to them, or no nearer than now.
         faster: so many times as far as announced the body may get before obstacles.
-        jump: of `jumps`.
+        errors: of `pledge.shown_errors`.
         result: (5,) v, omega, part, by whom it is less than one, whether from `start`.
     """
     ticks = slack.shape[1]
@@ -144,7 +144,7 @@ def admit(
         known = on_way and back < sent_count
         part = EVEN if static or sent_count == 0 else share(sent[0], peers[peer])
         if back > 0:
-            changed(peers[peer], jump, dt_s, moved)
+            changed(peers[peer], errors, dt_s, moved)
         for tick in range(ticks):
             if static:
                 x_m, y_m = place[tick, 0] - body[0], place[tick, 1] - body[1]
@@ -313,24 +313,26 @@ def used(x_m: float, y_m: float, normal: Floats, sine: float) -> float:
 
 
 @compiled
-def changed(row: Floats, jump: Floats, dt_s: float, moved: Floats) -> None:
+def changed(row: Floats, errors: Floats, dt_s: float, moved: Floats) -> None:
     """How far a peer's next announced way can at most lie off the one before, at each tick.
 
-    Both begin at one place but for a jump of the pose shown; motors speed up no faster than they
+    Both begin at one place but for errors of both poses shown, of the way of one tick, which turns
+    by no more than a radian, and for bodies off their ways; motors speed up no faster than they
     brake. The faster of both is no faster than the peer's top speed and braking from it allow.
 
     Args:
         row: of `admit`.
-        jump: of `jumps`.
+        errors: of `pledge.shown_errors`.
         moved: (TICKS_MAX,) m, filled.
     """
     change_mps = row[6] + row[6] / brake.BRAKES_SHARE
     change_radps = 2.0 * row[7]
-    off_m = jump[0]
+    off_m = 2.0 * (errors[0] + errors[2] * row[FASTEST] * dt_s) + 2.0 * OFF_M
+    jump_rad = 2.0 * errors[1] + errors[2]
     for tick in range(moved.shape[0]):
         v_mps = row[FASTEST] - tick * row[6]
         if v_mps > 0.0:
-            off_rad = jump[1] + change_radps * dt_s * (tick + 1)
+            off_rad = jump_rad + change_radps * dt_s * (tick + 1)
             off_m += dt_s * min(2.0 * v_mps, change_mps + v_mps * off_rad)
         moved[tick] = off_m
 
@@ -393,10 +395,10 @@ def refused_by_points(way: Floats, start: Floats, points: Floats, keeps2_m2: Flo
             x_m, y_m = points[point, 0] - from_x, points[point, 1] - from_y
             length2_m2 = along_x * along_x + along_y * along_y
             if length2_m2 > 0.0:
-                share = (x_m * along_x + y_m * along_y) / length2_m2
-                share = max(0.0, min(1.0, share))
-                x_m -= share * along_x
-                y_m -= share * along_y
+                along = (x_m * along_x + y_m * along_y) / length2_m2
+                along = max(0.0, min(1.0, along))
+                x_m -= along * along_x
+                y_m -= along * along_y
             elif tick > 0:
                 break
             if x_m * x_m + y_m * y_m < keeps2_m2[point]:

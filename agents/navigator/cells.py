@@ -134,6 +134,17 @@ def contact_s(x_m: float, y_m: float, v_x: float, v_y: float, keep_m: float) -> 
 
 
 @compiled
+def keep(radius_m: float, row: Floats) -> float:
+    """How near the centre of a peer may come, m; no nearer where it is too near already."""
+    touch_m = radius_m + row[table.RADIUS]
+    keep_m = touch_m + PEER_M
+    apart2_m2 = row[table.X] * row[table.X] + row[table.Y] * row[table.Y]
+    if apart2_m2 < keep_m * keep_m:
+        keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2))
+    return float(keep_m)
+
+
+@compiled
 def peer_s(
     u_x: float, u_y: float, said_x: float, said_y: float, radius_m: float, row: Floats
 ) -> float:
@@ -141,12 +152,7 @@ def peer_s(
     share = row[table.SHARE]
     v_x = (u_x - (1.0 - share) * said_x) / share - row[table.U_X]
     v_y = (u_y - (1.0 - share) * said_y) / share - row[table.U_Y]
-    touch_m = radius_m + row[table.RADIUS]
-    keep_m = touch_m + PEER_M
-    apart2_m2 = row[table.X] * row[table.X] + row[table.Y] * row[table.Y]
-    if apart2_m2 < keep_m * keep_m:
-        keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2))
-    return contact_s(row[table.X], row[table.Y], v_x, v_y, keep_m)
+    return contact_s(row[table.X], row[table.Y], v_x, v_y, keep(radius_m, row))
 
 
 @compiled
@@ -158,12 +164,7 @@ def stands(row: Floats) -> bool:
 @compiled
 def beyond_s(u_x: float, u_y: float, end_s: float, radius_m: float, row: Floats) -> float:
     """When a peer that stands comes too near to a robot that stops after `end_s`, inf if never."""
-    touch_m = radius_m + row[table.RADIUS]
-    keep_m = touch_m + PEER_M
-    apart2_m2 = row[table.X] * row[table.X] + row[table.Y] * row[table.Y]
-    if apart2_m2 < keep_m * keep_m:
-        keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2))
-    after_s = contact_s(row[table.X], row[table.Y], u_x, u_y, keep_m)
+    after_s = contact_s(row[table.X], row[table.Y], u_x, u_y, keep(radius_m, row))
     return after_s if after_s < end_s else np.inf
 
 

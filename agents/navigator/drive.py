@@ -75,7 +75,8 @@ def choose(
     held = len(rows) > 0 and (
         course.waits or state.parked or choice.speed_mps < HELD_SHARE * aim.speed_mps
     )
-    choice = msgspec.structs.replace(choice, speed_mps=course.share * choice.speed_mps)
+    if course.share < 1.0:
+        choice = msgspec.structs.replace(choice, speed_mps=course.share * choice.speed_mps)
     return msgspec.structs.replace(state, intent=intent, chosen=chosen, held=held), choice
 
 

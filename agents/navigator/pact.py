@@ -167,7 +167,7 @@ def hold(
         brake.room(setup, points_m),
         dt_s,
         1.0 + setup.disturbance.speed_error,
-        pledge.jumps(setup),
+        pledge.shown_errors(setup),
         _PARTS,
         result,
     )

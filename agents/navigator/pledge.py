@@ -101,15 +101,11 @@ def _some_doubts(setup: RobotSetup, doubt: Doubt, pending: tuple[Twist, ...]) ->
 
 
 @lru_cache(maxsize=1024)
-def jumps(setup: RobotSetup) -> Floats:
-    """(2,) m and rad by which a peer's pose may jump between two beacons, by declared bounds."""
+def shown_errors(setup: RobotSetup) -> Floats:
+    """(3,) declared bounds of what a peer shows: m and rad of its pose, share of its speeds."""
     declared = setup.disturbance
-    step_m = declared.speed_error * setup.robot.speed_mps_max * setup.dt_s
     return np.array(
-        (
-            2.0 * (declared.position_error_m_max + step_m) + 2.0 * OFF_M,
-            2.0 * declared.yaw_error_rad_max + declared.speed_error,
-        )
+        (declared.position_error_m_max, declared.yaw_error_rad_max, declared.speed_error)
     )
 
 

@@ -22,7 +22,7 @@ HORIZON_S = 8.0  # of conflicts
 SPACING_M = 0.2  # hull to hull: less at the closest approach is a conflict
 # A small ring is made wider by this much between neighbours, who then keep their order on it.
 WIDE_M, SMALL_M = 0.1, 1.8
-RING_M = 0.2
+RING_M = 0.2  # between neighbours on a ring, hull to hull
 ARRIVED_M = 0.3  # a peer this near to its target goes nowhere
 # Centre and radius follow what is seen of them by such parts in a tick: as soon as all turn,
 # straight ways tell little of the centre, and a radius that jumps as neighbours come into sight

@@ -225,11 +225,18 @@ def test_a_move_uses_what_it_uses_along_the_worst_normal_of_a_cone(
     w_radps=st.floats(-2.0, 2.0),
     set_v_mps=st.floats(-0.3, 1.0),
     set_w_radps=st.floats(-2.5, 2.5),
+    off=st.tuples(*(st.floats(-1.0, 1.0),) * 3),
 )
 def test_a_newer_announcement_is_no_further_off_than_a_cone_allows_for(
-    make: crowd.Make, v_mps: float, w_radps: float, set_v_mps: float, set_w_radps: float
+    make: crowd.Make,
+    v_mps: float,
+    w_radps: float,
+    set_v_mps: float,
+    set_w_radps: float,
+    off: tuple[float, float, float],
 ) -> None:
-    dt_s = 0.08
+    """Poses shown are off by as much as is declared, and the way of a tick too."""
+    dt_s, errors = 0.08, np.array((0.03, 0.026, 0.05))
     brakes = (brake.BRAKES_SHARE * make.acceleration_mps2, make.turn_acceleration_radps2)
     before = np.array(
         (
@@ -246,14 +253,16 @@ def test_a_newer_announcement_is_no_further_off_than_a_cone_allows_for(
         np.array((make.acceleration_mps2 * dt_s, make.turn_acceleration_radps2 * dt_s)),
         np.array((make.speed_mps, make.speed_mps, 2.5)), 0.1,
     )  # fmt: skip
-    turn_rad = 0.4 + before[5] * dt_s
+    turn_rad = 0.4 + before[5] * dt_s * (1.0 + off[1] * errors[2]) + 2.0 * off[2] * errors[1]
+    shown = first[0] + off[0] * errors[2] * (first[0] - before[:2])
+    shown[0] += 2.0 * off[0] * errors[0]
     after = before.copy()
-    after[:6] = (*first[0], cos(turn_rad), sin(turn_rad), v, w)
+    after[:6] = (*shown, cos(turn_rad), sin(turn_rad), v, w)
     new = np.empty((announce.TICKS_MAX, 2))
     announce.path(after, dt_s, 0, new)
     row = np.zeros(admission.FASTEST + 1)
     row[: announce.COLUMNS], row[admission.FASTEST] = before, make.speed_mps
     moved = np.empty(announce.TICKS_MAX)
-    admission.changed(row, np.zeros(2), dt_s, moved)
+    admission.changed(row, errors, dt_s, moved)
     off_m = np.sqrt(((new - old) ** 2).sum(axis=1))
     assert (off_m <= moved + 1e-9).all()
