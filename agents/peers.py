@@ -194,10 +194,10 @@ def stands(beacon: Beacon) -> bool:
 
 
 def _is_plausible(beacon: Beacon) -> bool:
-    pose, twist = beacon.pose, beacon.twist
+    pose, twist, promise = beacon.pose, beacon.twist, beacon.promise
     rates = abs(twist.speed_mps) + abs(twist.turn_rate_radps)
-    if beacon.promise is not None:
-        for under_way in beacon.promise.pending:
+    if promise is not None and promise.pending:
+        for under_way in promise.pending:
             rates = max(rates, abs(under_way.speed_mps) + abs(under_way.turn_rate_radps))
     return (
         abs(pose.x_m) + abs(pose.y_m) <= COORDINATE_M_MAX

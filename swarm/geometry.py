@@ -67,16 +67,17 @@ def bearing(source: Pose, target_x_m: float, target_y_m: float) -> float:
 
 def advance(pose: Pose, twist: Twist, duration_s: float) -> Pose:
     """Pose after moving with a constant twist: the exact arc of eq. 7, a line below 1e-9 rad/s."""
-    turn_rad = twist.turn_rate_radps * duration_s
-    if abs(twist.turn_rate_radps) < 1e-9:
+    before_rad, turn_rate_radps = pose.yaw_rad, twist.turn_rate_radps
+    after_rad = before_rad + turn_rate_radps * duration_s
+    if -1e-9 < turn_rate_radps < 1e-9:
         step_m = twist.speed_mps * duration_s
-        x_m = pose.x_m + step_m * cos(pose.yaw_rad)
-        y_m = pose.y_m + step_m * sin(pose.yaw_rad)
+        x_m = pose.x_m + step_m * cos(before_rad)
+        y_m = pose.y_m + step_m * sin(before_rad)
     else:
-        radius_m = twist.speed_mps / twist.turn_rate_radps
-        x_m = pose.x_m + radius_m * (sin(pose.yaw_rad + turn_rad) - sin(pose.yaw_rad))
-        y_m = pose.y_m - radius_m * (cos(pose.yaw_rad + turn_rad) - cos(pose.yaw_rad))
-    return Pose(x_m, y_m, wrap_angle(pose.yaw_rad + turn_rad))
+        radius_m = twist.speed_mps / turn_rate_radps
+        x_m = pose.x_m + radius_m * (sin(after_rad) - sin(before_rad))
+        y_m = pose.y_m - radius_m * (cos(after_rad) - cos(before_rad))
+    return Pose(x_m, y_m, wrap_angle(after_rad))
 
 
 def sector_centres(count: int) -> list[float]:

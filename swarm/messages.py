@@ -59,13 +59,16 @@ class Array(msgspec.Struct, frozen=True, array_like=True):
     data: bytes
 
     def __post_init__(self) -> None:
-        expected = prod(self.shape) * (8 if self.dtype == "<f8" else 4)
+        sides = self.shape
+        expected = (sides[0] if len(sides) == 1 else prod(sides)) * (
+            8 if self.dtype == "<f8" else 4
+        )
         if len(self.data) != expected:
             raise ValueError(
                 f"expected {expected} bytes for shape {self.shape} of {self.dtype}, "
                 f"got {len(self.data)}"
             )
-        if len(self.shape) > SIDES_MAX or not all(0 <= side <= SIDE_MAX for side in self.shape):
+        if len(sides) > SIDES_MAX or (sides and not 0 <= min(sides) <= max(sides) <= SIDE_MAX):
             raise ValueError(
                 f"expected at most {SIDES_MAX} sides of 0 to {SIDE_MAX}, got {self.shape}"
             )

@@ -72,17 +72,12 @@ def admit(
     start_doubts: Floats,
     sent: Floats,
     sent_count: int,
-    most: Floats,
-    half_track_m: float,
-    radius_m: float,
-    change: Floats,
+    limits: Floats,
     asked_v_mps: float,
     asked_w_radps: float,
     peers: Floats,
     slack: Floats,
     points: Floats,
-    room_m: float,
-    dt_s: float,
     faster: float,
     errors: Floats,
     parts: Floats,
@@ -95,19 +90,20 @@ def admit(
         start: likewise, corrected by what was measured: what it announces if it goes on.
         body_doubts, start_doubts: (6,) of `keep` for both.
         sent: (n, COLUMNS) own beacons of the last ticks, newest first; `sent_count` of them.
-        most: (3,) bounds of the rates.
-        change: (2,) greatest change of both in a tick.
+        limits: of `brake.limits`.
         peers: (peers, COLUMNS + 5): AGE in ticks, KIND, FRESH: heard since the last tick, RADIUS,
             FASTEST.
         slack: (peers, ticks) m, surely free at the coming ticks, negative where nothing is known;
             filled with what is after this tick.
-        points: (points, 2) m, world; `room_m`: no nearer to them, or no nearer than now.
+        points: (points, 2) m from `start`, world axes: obstacles.
         faster: so many times as far as announced the body may get before obstacles.
         errors: of `pledge.shown_errors`.
         result: (5,) v, omega, part, by whom it is less than one, whether from `start`.
     """
     ticks = slack.shape[1]
     count = peers.shape[0]
+    dt_s, radius_m = limits[brake.DT], limits[brake.BODY]
+    most, change = limits[: brake.V_CHANGE], limits[brake.V_CHANGE : brake.BRAKES]
 
     # Own braking way as announced; where the body is not on it, the one from where it is.
     own = np.empty((max(1, sent_count), ticks, 2))
@@ -180,16 +176,19 @@ def admit(
 
     # Obstacles within reach of the fastest braking way.
     fastest_mps = faster * (max(abs(body[4]), abs(asked_v_mps)) + change[0])
+    # No nearer to them than this, or than they are now.
+    room_m = brake.room_of(points, radius_m, limits[brake.MARGIN])
     reach_m = room_m + fastest_mps * dt_s * 2.0
     reach_m += fastest_mps * fastest_mps * dt_s / (2.0 * faster * body[6])
     near = np.empty((points.shape[0], 2))
     keeps2_m2 = np.empty(points.shape[0])
     nears = 0
     for point in range(points.shape[0]):
-        x_m, y_m = points[point, 0] - start[0], points[point, 1] - start[1]
-        apart2_m2 = x_m * x_m + y_m * y_m
+        x_m, y_m = points[point, 0] + start[0], points[point, 1] + start[1]
+        to_x, to_y = x_m - start[0], y_m - start[1]
+        apart2_m2 = to_x * to_x + to_y * to_y
         if apart2_m2 < reach_m * reach_m:
-            near[nears, 0], near[nears, 1] = points[point, 0], points[point, 1]
+            near[nears, 0], near[nears, 1] = x_m, y_m
             keeps2_m2[nears] = min(room_m * room_m, apart2_m2 - 1e-9)
             nears += 1
 
@@ -224,9 +223,8 @@ def admit(
         # The last one stands for braking: it is what was announced, and taken come what may.
         part = parts[number % last] if number < tries else 0.0
         if number < tries:
-            v, w = reached(
-                body[4], body[5], part * asked_v_mps, asked_w_radps, change, most, half_track_m
-            )
+            set_v_mps, half_track_m = part * asked_v_mps, limits[brake.HALF_TRACK]
+            v, w = reached(body[4], body[5], set_v_mps, asked_w_radps, change, most, half_track_m)
         else:
             v, w = slower(body[4], body[5], body[6], body[7])
         corrects = number < last

@@ -33,7 +33,7 @@ SAME_M = 1e-9
 _SHARES = np.array(SHARES)
 TICKS_MAX = 400  # of a course; whoever needs longer to stop is only looked at for so long
 
-# Columns of `_limits`: greatest rates forwards, backwards, turning; changes of both in a tick, and
+# Columns of `limits`: greatest rates forwards, backwards, turning; changes of both in a tick, and
 # what the brakes take from the speed in one.
 V_MAX, V_BACK, W_MAX, V_CHANGE, W_CHANGE, BRAKES, HALF_TRACK, DT, BODY, MARGIN = range(10)
 
@@ -62,7 +62,7 @@ def hold(
     number = first_free(
         points_m,
         _SHARES,
-        _limits(setup),
+        limits(setup),
         twist.speed_mps,
         twist.turn_rate_radps,
         asked.speed_mps,
@@ -115,7 +115,7 @@ def braked(setup: RobotSetup, twist: Twist) -> Twist:
 
 
 @lru_cache(maxsize=1024)
-def _limits(setup: RobotSetup) -> Floats:
+def limits(setup: RobotSetup) -> Floats:
     """(10,) what `first_free` needs to know of a robot."""
     robot, dt_s = setup.robot, setup.dt_s
     found = np.zeros(10)
@@ -169,7 +169,7 @@ def first_free(
 
     Args:
         points_m: (points, 2) from the robot's centre, world axes.
-        limits: of `_limits`.
+        limits: of `limits`.
         v_mps, w_radps: when the set-point takes effect, as its heading (ahead, aside).
     Returns:
         index of `shares`, their number if there is none.

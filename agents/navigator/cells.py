@@ -134,37 +134,41 @@ def contact_s(x_m: float, y_m: float, v_x: float, v_y: float, keep_m: float) -> 
 
 
 @compiled
-def keep(radius_m: float, row: Floats) -> float:
-    """How near the centre of a peer may come, m; no nearer where it is too near already."""
-    touch_m = radius_m + row[table.RADIUS]
-    keep_m = touch_m + PEER_M
-    apart2_m2 = row[table.X] * row[table.X] + row[table.Y] * row[table.Y]
-    if apart2_m2 < keep_m * keep_m:
-        keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2))
-    return float(keep_m)
+def keeps(radius_m: float, peers: Floats) -> Floats:
+    """(peers,) how near their centres may come, m; no nearer where one is too near already."""
+    keeps_m = np.empty(peers.shape[0])
+    for row in range(peers.shape[0]):
+        touch_m = radius_m + peers[row, table.RADIUS]
+        keep_m = touch_m + PEER_M
+        x_m, y_m = peers[row, table.X], peers[row, table.Y]
+        apart2_m2 = x_m * x_m + y_m * y_m
+        if apart2_m2 < keep_m * keep_m:
+            keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2))
+        keeps_m[row] = keep_m
+    return keeps_m
 
 
 @compiled
 def peer_s(
-    u_x: float, u_y: float, said_x: float, said_y: float, radius_m: float, row: Floats
+    u_x: float, u_y: float, said_x: float, said_y: float, peers: Floats, row: int, keep_m: float
 ) -> float:
     """When a velocity brings this robot too near to a peer that does its share, s, inf if never."""
-    share = row[table.SHARE]
-    v_x = (u_x - (1.0 - share) * said_x) / share - row[table.U_X]
-    v_y = (u_y - (1.0 - share) * said_y) / share - row[table.U_Y]
-    return contact_s(row[table.X], row[table.Y], v_x, v_y, keep(radius_m, row))
+    share = peers[row, table.SHARE]
+    v_x = (u_x - (1.0 - share) * said_x) / share - peers[row, table.U_X]
+    v_y = (u_y - (1.0 - share) * said_y) / share - peers[row, table.U_Y]
+    return contact_s(peers[row, table.X], peers[row, table.Y], v_x, v_y, keep_m)
 
 
 @compiled
-def stands(row: Floats) -> bool:
+def stands(peers: Floats, row: int) -> bool:
     """Whether a peer means to stay where it is."""
-    return bool(row[table.U_X] == 0.0 and row[table.U_Y] == 0.0)
+    return bool(peers[row, table.U_X] == 0.0 and peers[row, table.U_Y] == 0.0)
 
 
 @compiled
-def beyond_s(u_x: float, u_y: float, end_s: float, radius_m: float, row: Floats) -> float:
+def beyond_s(u_x: float, u_y: float, end_s: float, peers: Floats, row: int, keep_m: float) -> float:
     """When a peer that stands comes too near to a robot that stops after `end_s`, inf if never."""
-    after_s = contact_s(row[table.X], row[table.Y], u_x, u_y, keep(radius_m, row))
+    after_s = contact_s(peers[row, table.X], peers[row, table.Y], u_x, u_y, keep_m)
     return after_s if after_s < end_s else np.inf
 
 
@@ -216,13 +220,14 @@ def least(
         found: (3,) filled.
     """
     count = peers.shape[0]
+    keeps_m = keeps(radius_m, peers)
     want_x, want_y = speed_mps * way_x, speed_mps * way_y
     meets = False
     for row in range(count):
         # What keeps no rules is passed on whichever side is nearer.
         if (
             0.0 < peers[row, table.RISK] < table.LAWLESS
-            and peer_s(want_x, want_y, said_x, said_y, radius_m, peers[row]) < MEET_S
+            and peer_s(want_x, want_y, said_x, said_y, peers, row, keeps_m[row]) < MEET_S
         ):
             meets = True
             break
@@ -232,7 +237,7 @@ def least(
     risk = 0.0
     for row in range(count):
         if peers[row, table.RISK] > 0.0:
-            after_s = peer_s(0.0, 0.0, said_x, said_y, radius_m, peers[row])
+            after_s = peer_s(0.0, 0.0, said_x, said_y, peers, row, keeps_m[row])
             if after_s < ahead_s:
                 risk = max(risk, min(CONTACT_COST_MAX, ahead_s / max(after_s, 1e-3) - 1.0))
     best = (
@@ -289,9 +294,9 @@ def least(
             for row in range(count):
                 if peers[row, table.RISK] <= 0.0:
                     continue
-                after_s = peer_s(u_x, u_y, said_x, said_y, radius_m, peers[row])
-                if after_s < ahead_s and end_m < np.inf and stands(peers[row]):
-                    after_s = beyond_s(u_x, u_y, end_m / u_mps, radius_m, peers[row])
+                after_s = peer_s(u_x, u_y, said_x, said_y, peers, row, keeps_m[row])
+                if after_s < ahead_s and end_m < np.inf and stands(peers, row):
+                    after_s = beyond_s(u_x, u_y, end_m / u_mps, peers, row, keeps_m[row])
                 if after_s < ahead_s:
                     soon = ahead_s / max(after_s, 1e-3) - 1.0
                     risk = max(risk, min(CONTACT_COST_MAX, soon))

@@ -50,6 +50,9 @@ class Loop:
             copy = FunctionType(plain.__code__, around, plain.__name__, plain.__defaults__)
             copy.__qualname__, copy.__module__ = plain.__qualname__, plain.__module__
             self._code = _numba().njit(cache=True, fastmath=False)(copy)
+            # From now on its module has the machine code itself, which saves a call each time.
+            if plain.__globals__.get(plain.__name__) is self:
+                plain.__globals__[plain.__name__] = self._code
         assert self._code is not None
         return self._code
 

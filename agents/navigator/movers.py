@@ -134,18 +134,16 @@ def step(
     unsure_m += noise.drift_m_per_m * setup.robot.speed_mps_max * SCANS * setup.dt_s
     range_m, more_m = setup.sensor.range_m, setup.msam.peer_tolerance_per_missed_tick_m
     bodies = _NO_BODIES
-    if others and (
-        near := [
-            (
-                pose.x_m + one.offset[0],
-                pose.y_m + one.offset[1],
-                one.beacon.body_radius_m + PEER_M + unsure_m + more_m * one.missed_ticks,
-            )
-            for one in others
-            if one.distance_m < range_m + 1.0
-        ]
-    ):
-        bodies = np.array(near)
+    if others:
+        flat: list[float] = []
+        for one in others:
+            if one.distance_m < range_m + 1.0:
+                x_m, y_m = one.offset
+                flat += (pose.x_m + x_m, pose.y_m + y_m)
+                flat.append(
+                    one.beacon.body_radius_m + PEER_M + unsure_m + more_m * one.missed_ticks
+                )
+        bodies = np.array(flat, dtype=np.float64).reshape(-1, 3)
     old = state.scans[-1] if len(state.scans) >= SCANS - 1 else _NO_SCAN
     tracks, moves, hidden = watch(
         frame.ranges_m(), hits_m, rays.units, rays.bounds, pose.x_m, pose.y_m, ahead, aside,

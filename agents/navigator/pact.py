@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos, sin
+from struct import Struct, pack
 
 import msgspec
 import numpy as np
@@ -30,6 +31,7 @@ from swarm.scenario import RobotSetup
 
 # Own beacons remembered: as many as a peer's may be ticks late.
 SENT_MAX = 8
+NUMBER = 8  # bytes of a float64
 # Parts of what is asked for, the first admitted is taken.
 PARTS = tuple([part / 20.0 for part in (20, 19, 18, 17, 16, 14, 12, 10, 8, 6, 4, 2, 1, 0)])
 
@@ -46,7 +48,7 @@ class State(msgspec.Struct, frozen=True):
     """Own beacons, newest first, and links in order of names."""
 
     tick: int = -1  # of the newest beacon
-    sent: tuple[tuple[float, ...], ...] = ()  # rows of `announce.path`
+    sent: tuple[bytes, ...] = ()  # rows of `announce.path`, float64
     links: tuple[Link, ...] = ()
 
 
@@ -63,9 +65,9 @@ def send(setup: RobotSetup, state: State, beacon: Beacon) -> State:
     """State after a beacon went out; what was sent before a missed tick is not to be relied on."""
     if beacon.promise is None:
         return State(tick=beacon.tick)
-    row = announce.row(beacon, beacon.promise, setup.dt_s)
+    row = _PACK(*announce.row(beacon, beacon.promise, setup.dt_s))
     before = state.sent if beacon.tick == state.tick + 1 else ()
-    return State(beacon.tick, (tuple(row), *before)[:SENT_MAX], state.links)
+    return State(beacon.tick, (row, *before)[:SENT_MAX], state.links)
 
 
 def hold(
@@ -106,76 +108,70 @@ def hold(
     )
     count = announce.ticks(robot.speed_mps_max, brakes[0], dt_s)
     reach_m = announce.reach_m(robot.speed_mps_max, brakes[0], dt_s)
-    rows: list[list[float]] = []
-    names: list[str] = []
+    near_m = mine.keep_m + admission.FREE_M + reach_m
+    flat: list[float] = []  # rows, one after the other
+    heard: list[tuple[Name, int]] = []  # and the ticks of their beacons
     known = {link.name: link for link in state.links}
-    slacks: list[tuple[int, Link]] = []
+    slacks: list[bytes] = []  # of theirs, a tick ago; none where nothing is known
     for peer in others:
         beacon = peer.beacon
-        given = beacon.promise
+        given, speed_mps, fastest_mps = beacon.promise, beacon.twist.speed_mps, beacon.speed_mps_max
         assert given is not None
-        age = tick - beacon.tick
-        fastest_mps = beacon.speed_mps_max
-        if abs(beacon.twist.speed_mps) > fastest_mps:
-            fastest_mps = abs(beacon.twist.speed_mps)
-        near_m = mine.keep_m + given.keep_m + admission.FREE_M + reach_m + age * dt_s * fastest_mps
-        near_m += fastest_mps * dt_s + fastest_mps * fastest_mps / (2.0 * given.deceleration_mps2)
-        if peer.distance_m > near_m:
+        if not -fastest_mps <= speed_mps <= fastest_mps:
+            fastest_mps = abs(speed_mps)
+        age, brakes_mps2 = tick - beacon.tick, given.deceleration_mps2
+        stop_s = (age + 1) * dt_s + fastest_mps / (2.0 * brakes_mps2)
+        if peer.distance_m > near_m + given.keep_m + fastest_mps * stop_s:
             continue
-        row = announce.row(beacon, given, dt_s)
-        link = known.get(beacon.name)
+        name = beacon.name
+        link = known.get(name)
         fresh = link is None or link.tick < beacon.tick
-        rows.append([*row, age, PROMISED, float(fresh), beacon.body_radius_m, fastest_mps])
-        need = announce.ticks(beacon.twist.speed_mps, given.deceleration_mps2, dt_s)
-        count = max(count, need)
-        if link is not None:
-            slacks.append((len(names), link))
-        names.append(beacon.name)
+        flat += announce.row(beacon, given, dt_s)
+        flat += (age, PROMISED, fresh, beacon.body_radius_m, fastest_mps)
+        count = max(count, announce.ticks(speed_mps, brakes_mps2, dt_s))
+        slacks.append(b"" if link is None else link.slack)
+        heard.append((name, beacon.tick))
+    names = [name for name, _ in heard]
     for peer in statics:
         keep_m = peer.beacon.body_radius_m + pledge.pad_m(setup)
         keep_m += setup.disturbance.position_error_m_max
         if peer.distance_m <= mine.keep_m + keep_m + 2.0 * reach_m + admission.FREE_M:
-            there = [peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, keep_m]
-            rows.append([*there, 1.0, STATIC, 1.0, peer.beacon.body_radius_m, 0.0])
+            flat += (peer.pose.x_m, peer.pose.y_m, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, keep_m)
+            flat += (1.0, STATIC, 1.0, peer.beacon.body_radius_m, 0.0)
             names.append(peer.beacon.name)
-    if not rows:
+    if not names:
         return State(state.tick, state.sent), None
     count = min(count, announce.TICKS_MAX)
     sent = state.sent if state.tick == tick - 1 else ()
-    slack = np.full((len(rows), count), -1.0)
-    for number, link in slacks if sent else ():
-        before = np.frombuffer(link.slack)[1:][:count]  # a tick has passed
-        slack[number, : len(before)] = before
-        slack[number, len(before) :] = before[-1] if len(before) else 0.0
+    if not sent:
+        slacks = []
+    slacks += [b""] * (len(names) - len(slacks))
+    slack = np.frombuffer(bytearray(b"".join([after_tick(left, count) for left in slacks])))
+    slack = slack.reshape(len(names), count)
     result = np.zeros(5)
     admit(
         np.array(body),
         np.array(start),
         pledge.doubts(setup, where.carried_doubt if where else pledge.NO_DOUBT, pending),
         pledge.doubts(setup, where.doubt if where else pledge.NO_DOUBT, pending),
-        np.array(sent or [body]),
+        np.frombuffer(bytearray(b"".join(sent or (_PACK(*body),)))).reshape(-1, announce.COLUMNS),
         len(sent),
-        np.array((robot.speed_mps_max, robot.speed_mps_reverse_max, robot.turn_rate_radps_max)),
-        robot.half_track_m,
-        robot.body_radius_m,
-        np.array((robot.acceleration_mps2_max * dt_s, robot.turn_acceleration_radps2_max * dt_s)),
+        brake.limits(setup),
         asked.speed_mps,
         asked.turn_rate_radps,
-        np.array(rows),
+        np.array(flat, dtype=np.float64).reshape(len(names), -1),
         slack,
-        points_m + np.array((pose.x_m, pose.y_m)) if len(points_m) else points_m,
-        brake.room(setup, points_m),
-        dt_s,
+        points_m,
         1.0 + setup.disturbance.speed_error,
         pledge.shown_errors(setup),
         _PARTS,
         result,
     )
+    left, size = slack.tobytes(), NUMBER * count
     links = tuple(
         [
-            Link(name, tick - int(rows[number][admission.AGE]), slack[number].tobytes())
-            for number, name in enumerate(names)
-            if rows[number][admission.KIND] == PROMISED
+            Link(name, said, left[row * size : (row + 1) * size])
+            for row, (name, said) in enumerate(heard)
         ]
     )
     by = int(result[3])
@@ -187,4 +183,14 @@ def hold(
     )
 
 
+def after_tick(slack: bytes, count: int) -> bytes:
+    """What is left of a `Link.slack` a tick later, for so many ticks; -1 where nothing is known."""
+    if not slack:
+        return _UNKNOWN * count
+    later = slack[NUMBER : NUMBER * (1 + count)]
+    return later + (later[-NUMBER:] or _NOTHING) * (count - len(later) // NUMBER)
+
+
 _PARTS = np.array(PARTS)
+_UNKNOWN, _NOTHING = pack("d", -1.0), pack("d", 0.0)
+_PACK = Struct(f"{announce.COLUMNS}d").pack

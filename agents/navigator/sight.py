@@ -35,8 +35,8 @@ def look(setup: RobotSetup, ranges_m: Ranges, others: Sequence[Peer]) -> tuple[m
         others: those whose bodies are no obstacles.
     """
     bodies = _NOBODY
-    if others and (near := _rows(setup, others)):
-        bodies = np.array(near)
+    if others:
+        bodies = _bodies(setup, others)
     rays = memory.beams(len(ranges_m))
     known_m, sectors_m, complete = scan(
         ranges_m,
@@ -50,15 +50,16 @@ def look(setup: RobotSetup, ranges_m: Ranges, others: Sequence[Peer]) -> tuple[m
     return msam.of(setup, known_m, sectors_m.tolist(), []), complete
 
 
-def _rows(setup: RobotSetup, others: Sequence[Peer]) -> list[tuple[float, float, float, float]]:
+def _bodies(setup: RobotSetup, others: Sequence[Peer]) -> Floats:
+    """(peers, 4) as `scan` has them."""
     far_m = setup.sensor.range_m + BEYOND_M
     tolerance_m, more_m = setup.msam.peer_tolerance_m, setup.msam.peer_tolerance_per_missed_tick_m
-    rows = []
+    flat: list[float] = []
     for peer in others:
         reach_m = peer.beacon.body_radius_m + tolerance_m + more_m * peer.missed_ticks
         if peer.distance_m - reach_m < far_m:
-            rows.append((*peer.offset_body, peer.distance_m, reach_m))
-    return rows
+            flat += (*peer.offset_body, peer.distance_m, reach_m)
+    return np.array(flat, dtype=np.float64).reshape(-1, 4)
 
 
 # --- inner loops --------------------------------------------------------------------------------
