@@ -383,6 +383,25 @@ def test_judge_takes_ratios_over_the_bounds() -> None:
     assert run.score is None
 
 
+def test_who_made_room_for_another_was_in_time_when_it_was_at_its_goal_first() -> None:
+    """Due after 32 s: there after 10 s, and again, at last, after 40 s."""
+    driven = _told(_two(), arrival_tick=(75, 500))
+    driven = msgspec.structs.replace(driven, reached_s={0: 6.0, 1: 10.0})
+    run = course.judge(Job(_two(), "paper"), driven)
+    assert (run.outcome, run.arrived) == ("succeeded", 2)
+    assert run.makespan_ratio == pytest.approx(10.0)  # over the bound of 4 s: to the last stay
+    away = _told(_two(), arrival_tick=(75, None))
+    away = msgspec.structs.replace(away, reached_s={0: 6.0, 1: 10.0})
+    assert course.judge(Job(_two(), "paper"), away).outcome == "timeout"
+
+
+def test_drive_tells_when_each_was_at_its_goal_first() -> None:
+    driven = course.drive(cases.under(encounters.lanes(0), "navigator"))
+    stays = [tally.arrival_tick for tally in driven.score.tallies]
+    assert sorted(driven.reached_s) == list(range(len(stays)))
+    assert all(0.0 < driven.reached_s[row] <= 0.08 * (stay or 0) for row, stay in enumerate(stays))
+
+
 @pytest.mark.parametrize(
     ("tallies", "outcome", "arrived"),
     [

@@ -39,7 +39,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     number: int  # instance of its group
     scenario: Scenario
     bounds_s: tuple[float, ...]  # (robots,) straight or reference way at top speed
-    dues_s: tuple[float, ...]  # (robots,) who arrives later is late
+    dues_s: tuple[float, ...]  # (robots,) who gets to its goal for the first time later is late
     scored: bool = False  # by the rule of BARN
 
     @property

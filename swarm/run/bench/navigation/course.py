@@ -74,6 +74,8 @@ class Driven(msgspec.Struct, frozen=True, eq=False):
     step_cpu_s: float  # of all robots' steps
     watches: tuple[Watch, ...] = ()  # of the robots, where one stops
     last: TickRecord | None = None
+    # when each was at its goal first: who makes room for another afterwards is not late for that
+    reached_s: dict[int, float] = {}
 
 
 def run(job: Job) -> Run:
@@ -94,6 +96,7 @@ def drive(plan: Scenario) -> Driven:
     state = simulation.init(world)
     score = metrics.begin(plan)
     watches = [stops.Watch() for _ in plan.robots] if plan.faults else []
+    reached_s: dict[int, float] = {}
     steps = spent_ns = 0
     while True:
         state, events = _strike(world, state)
@@ -107,10 +110,13 @@ def drive(plan: Scenario) -> Driven:
         steps += len(frames)
         record = simulation.record(world, state, frames, commands.values(), events)
         metrics.observe(score, record)
+        for row, tally in enumerate(score.tallies):
+            if tally.arrival_tick is not None:
+                reached_s.setdefault(row, tally.arrival_tick * plan.dt_s)
         if watches:
             stops.observe(watches, record)
         if metrics.ended(score) is not None or (watches and stops.settled(watches, score)):
-            return Driven(score, steps, spent_ns * 1e-9, tuple(watches), record)
+            return Driven(score, steps, spent_ns * 1e-9, tuple(watches), record, reached_s)
         state = simulation.step(world, state, commands)
 
 
@@ -150,7 +156,9 @@ def judge(job: Job, driven: Driven) -> Run:
     arrivals_s = {
         number: row.arrival_s
         for number, (row, due_s) in enumerate(zip(rows, case.dues_s, strict=True))
-        if row.outcome == "arrived" and row.arrival_s is not None and row.arrival_s <= due_s
+        if row.outcome == "arrived"
+        and row.arrival_s is not None
+        and driven.reached_s.get(number, row.arrival_s) <= due_s
     }
     in_time = list(arrivals_s.values())
     late = [row for row in rows if row.outcome in ("arrived", "timeout")]
