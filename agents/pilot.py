@@ -72,7 +72,7 @@ def to_goal(
     """By way of the way-points to the goal, by all stages of a robot alone up to the aim."""
     setup = msgspec.structs.replace(setup, navigator=roomy(setup.navigator, touch_m(setup)))
     state = msgspec.structs.replace(state, held=held)
-    state, aim = navigator.look(setup, state, frame, frame, map, (), elapsed_s)
+    state, aim = navigator.look(setup, state, frame, frame, map.ranges_m, (), elapsed_s)
     return state, navigator.straightened(setup, state, frame, frame, map, aim)
 
 

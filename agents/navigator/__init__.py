@@ -63,7 +63,7 @@ from agents.navigator.state import (
 from agents.peers import Peer
 from agents.steering import Wish
 from swarm import geometry
-from swarm.geometry import Floats, Pose
+from swarm.geometry import Floats, Pose, Ranges
 from swarm.messages import Intent, SensorFrame
 from swarm.scenario import RobotSetup
 
@@ -114,8 +114,9 @@ def step(
     """One tick on the way to `setup.robot.goal` by way of its way-points."""
     seen, frame = frame, predict.ahead(setup, late, frame)
     state, map = watch(setup, state, seen, map, others, elapsed_s)
+    hits_m = sight.surely(setup, map.ranges_m, others)
     others = last_word.later(setup, late, frame, others)
-    state, aim = look(setup, state, seen, frame, map, others, elapsed_s)
+    state, aim = look(setup, state, seen, frame, hits_m, others, elapsed_s)
     if state.failed:
         state = msgspec.structs.replace(state, intent=Intent(), yields_to=None)
         return state, Wish(mode="FAILED", waypoint=aim.subgoal, reason=state.failed)
@@ -187,7 +188,7 @@ def look(
     state: State,
     seen: SensorFrame,
     frame: SensorFrame,
-    map: msam.Map,
+    hits_m: Ranges,
     others: Sequence[Peer],
     elapsed_s: float,
 ) -> tuple[State, Aim]:
@@ -196,6 +197,7 @@ def look(
     Args:
         seen: as it was measured.
         frame: with the pose at which what is decided now takes effect.
+        hits_m: (beams,) of obstacles that are to be remembered.
     """
     replace = msgspec.structs.replace
     pose, rules = frame.pose, law(setup.navigator, setup.robot.body_radius_m)
@@ -211,7 +213,7 @@ def look(
         known = memory.empty(rules, pose, known.version + 1)
     if not is_there:
         state, known = headway.doubt(setup, rules, state, known, frame, others, elapsed_s)
-    known, field_mm = memory.observe(rules, known, seen.pose, seen.ranges_m(), map.ranges_m)
+    known, field_mm = memory.observe(rules, known, seen.pose, seen.ranges_m(), hits_m)
     # 2. Find the way.
     tolerance_m = setup.robot.goal_tolerance_m if is_last else setup.robot.via_tolerance_m
     found = way.step(rules, state.way, known, field_mm, pose, target, tolerance_m)

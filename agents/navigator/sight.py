@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents import msam
+from agents import msam, peers
 from agents.navigator import memory
 from agents.navigator.compiled import compiled
 from agents.navigator.points import bin_of
@@ -48,6 +48,36 @@ def look(setup: RobotSetup, ranges_m: Ranges, others: Sequence[Peer]) -> tuple[m
     )
     known_m.setflags(write=False)
     return msam.of(setup, known_m, sectors_m.tolist(), []), complete
+
+
+def surely(setup: RobotSetup, hits_m: Ranges, others: Sequence[Peer]) -> Ranges:
+    """Hits that can be no peer's, even one that is not quite where it is believed to be.
+
+    The rest is only looked at: were it remembered, peers would leave obstacles behind them. It is
+    the same array where nothing is declared and all are heard.
+
+    Args:
+        hits_m: (beams,) of obstacles.
+        others: as seen from where the scan was made.
+    """
+    declared, dt_s = setup.disturbance, setup.dt_s
+    tolerance_m = setup.msam.peer_tolerance_m
+    off_m = declared.range_error_m_max + 2.0 * declared.position_error_m_max
+    far_m = setup.sensor.range_m + BEYOND_M
+    flat: list[float] = []
+    for peer in others:
+        away_m, beacon = peer.distance_m, peer.beacon
+        more_m = off_m + declared.yaw_error_rad_max * away_m
+        more_m += peer.missed_ticks * dt_s * beacon.speed_mps_max
+        if more_m > 0.0 and away_m < far_m and not peers.has_come_to_grief(beacon):
+            flat += (*peer.offset_body, away_m, beacon.body_radius_m + tolerance_m + more_m)
+    if not flat:
+        return hits_m
+    rays = memory.beams(len(hits_m))
+    left_m = hits_m.copy()
+    hide(hits_m, np.array(flat).reshape(-1, 4), rays.units, rays.bounds, left_m)
+    left_m.setflags(write=False)
+    return left_m
 
 
 def _bodies(setup: RobotSetup, others: Sequence[Peer]) -> Floats:
@@ -87,6 +117,26 @@ def scan(
         if np.isnan(known_m[beam]):
             known_m[beam] = np.inf
             complete = False
+    hide(ranges_m, bodies, units, bounds, known_m)
+    nearest_m = np.empty(sectors)
+    per_sector = beams // sectors
+    for sector in range(sectors):
+        least_m = np.inf
+        for beam in range(sector * per_sector, (sector + 1) * per_sector):
+            least_m = min(least_m, float(known_m[beam]))
+        nearest_m[sector] = np.floor(least_m / ring_m) * ring_m
+    return known_m, nearest_m, complete
+
+
+@compiled
+def hide(ranges_m: Ranges, bodies: Floats, units: Floats, bounds: Floats, left_m: Ranges) -> None:
+    """Make misses of the hits that lie on bodies.
+
+    Args:
+        bodies, units, bounds: of `scan`.
+        left_m: (beams,) changed.
+    """
+    beams = len(ranges_m)
     # From the beam that looks at the middle of a body to both sides, as far as they cross it.
     for row in range(len(bodies)):
         x_m, y_m = bodies[row, X], bodies[row, Y]
@@ -105,12 +155,4 @@ def scan(
                 if away_m - reach_m <= hit_m <= away_m + reach_m:
                     dx_m, dy_m = hit_m * unit_x - x_m, hit_m * unit_y - y_m
                     if dx_m * dx_m + dy_m * dy_m <= reach_m * reach_m:
-                        known_m[beam] = np.inf
-    nearest_m = np.empty(sectors)
-    per_sector = beams // sectors
-    for sector in range(sectors):
-        least_m = np.inf
-        for beam in range(sector * per_sector, (sector + 1) * per_sector):
-            least_m = min(least_m, float(known_m[beam]))
-        nearest_m[sector] = np.floor(least_m / ring_m) * ring_m
-    return known_m, nearest_m, complete
+                        left_m[beam] = np.inf

@@ -10,7 +10,7 @@ from math import inf, pi, sqrt
 import numpy as np
 
 from agents import robot
-from agents.navigator import corridor, memory, walls
+from agents.navigator import corridor, memory, sight, walls
 from swarm import messages, scenario
 from swarm.geometry import Pose, Twist
 from swarm.messages import Beacon, SensorFrame, Wheels
@@ -72,5 +72,9 @@ def up() -> None:
     # there is no gap in the scene
     walls.end(np.zeros((1, 2)), 0.0, 0.0, 1.0, 0.0, 1.0)
     walls.inside(np.ones((1, 2)), np.ones((1, 2)), 0.5, 1.0, np.zeros(5))
+    # nor is anything late
+    rays = memory.beams(4)
+    hits = np.frombuffer(bytes(16), dtype=np.float32)
+    sight.hide(hits, np.ones((1, 4)), rays.units, rays.bounds, hits.copy())
     # nor a formation
     corridor.cheapest(np.zeros((1, 4)), np.zeros((1, 2)), 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)

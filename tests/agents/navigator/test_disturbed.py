@@ -14,7 +14,16 @@ from hypothesis import strategies as st
 
 from agents import lateness, navigator, peers, robot
 from agents.lateness import State as Late
-from agents.navigator import admission, announce, brake, estimate, headway, pledge, predict
+from agents.navigator import (
+    admission,
+    announce,
+    brake,
+    estimate,
+    headway,
+    pledge,
+    predict,
+    sight,
+)
 from agents.steering import Wish
 from swarm import geometry
 from swarm.geometry import STILL, Pose, Twist
@@ -256,3 +265,36 @@ def test_kernels_and_plain_python_agree() -> None:
         plain: Any = getattr(kernel, "py_func", kernel)
         fast: Any = kernel
         assert fast(*given_) == plain(*given_)
+
+
+@pytest.mark.parametrize(
+    ("declared", "tick", "off_m"),
+    [
+        (DECLARED, 1, 0.08),  # noise of both poses and of the range
+        (Disturbance(), 4, 0.27),  # three beacons have not come: it may have gone on elsewhere
+    ],
+)
+def test_peers_leave_no_obstacles_behind_them(
+    declared: Disturbance, tick: int, off_m: float
+) -> None:
+    """Hits beside where a peer is believed to be may be its own: seen now, but not remembered."""
+    setup = setup_of(declared)
+    body = Pose(1.5, 0.0, pi)
+    promise = pledge.promise(setup_of(Disturbance()))
+    said = scenes.beacon("robot2", body, tick=0, promise=promise)
+    ranges_m = scenes.scan([(1.5 - off_m, 0.0, 0.22), (0.0, -1.0, 0.3)], scenes.ORIGIN)
+    frame = scenes.frame("robot1", tick, ranges_m=ranges_m, beacons=(said,))
+    state, command = robot.step(setup, robot.init(setup), frame)
+    sectors_m = command.trace.sectors.numpy()
+    assert sectors_m[len(sectors_m) // 2] < 1.5  # the guard keeps off it
+    assert state.navigating.memory is not None
+    points_m = state.navigating.memory.points_mm() / 1000.0
+    assert len(points_m) > 5
+    assert (points_m[:, 1] < -0.5).all()  # what stands beside it is remembered
+
+
+def test_hits_are_remembered_as_they_are_where_nothing_is_declared_and_all_are_heard() -> None:
+    setup = setup_of(Disturbance())
+    near = scenes.peer(scenes.beacon("robot2", Pose(1.0, 0.0, 0.0), tick=0), tick=1)
+    ranges_m = scenes.scan([(1.0, 0.5, 0.2)], scenes.ORIGIN)
+    assert sight.surely(setup, ranges_m, [near]) is ranges_m

@@ -68,6 +68,14 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
             *(RAYS.units, RAYS.bounds, 24, 0.05),
         ),
     ),
+    (
+        sight.hide,
+        (
+            HITS,
+            np.array([(-1.0, 0.1, 1.005, 0.6), (0.1, 0.2, 0.23, 0.5)]),
+            *(RAYS.units, RAYS.bounds, HITS.copy()),
+        ),
+    ),
     (chords.distance_at, (FIELD, 123.4, -456.7, CELL)),
     (chords.share_at, (RULES.shares, 321.9)),
     (chords.progress, (PATH, 0, 0, 3, -1000.5, -333.25)),
