@@ -86,7 +86,9 @@ def update(setup: RobotSetup, ranges_m: Ranges, peers: Iterable[Peer]) -> Map:
     ranges_m = ranges_m.view()
     ranges_m.setflags(write=False)
     ring_m = setup.sensor.range_m / setup.msam.rings
-    return of(setup, ranges_m, sector_ranges(ranges_m, setup.msam.sectors, ring_m), beams_m)
+    sectors_m = sector_ranges(ranges_m, setup.msam.sectors, ring_m)
+    runs = linked_runs(sectors_m, setup.field.rho_m, setup.msam.link_distance_m)
+    return of(setup, ranges_m, sectors_m, beams_m, runs)
 
 
 def of(
@@ -94,6 +96,7 @@ def of(
     ranges_m: Ranges,
     sectors_m: list[float],
     beams_m: list[float],
+    runs: list[range],
 ) -> Map:
     """Map of hits and of the sectors made from them.
 
@@ -101,11 +104,13 @@ def of(
         ranges_m: (beams,) m, read-only, without those of peers.
         beams_m: the same, or none where nobody asks for them one by one.
         sectors_m: of `sector_ranges`.
+        runs: of `linked_runs`.
     """
-    runs = linked_runs(sectors_m, setup.field.rho_m, setup.msam.link_distance_m)
-    clusters = [_arc(sectors_m, run, 0, 1, 1.0) for run in runs]
+    clusters: list[Arc] = []
     arcs: list[Arc] = []
-    for run, cluster in zip(runs, clusters, strict=True):
+    for run in runs:
+        cluster = _arc(sectors_m, run, 0, 1, 1.0)
+        clusters.append(cluster)
         arcs += split(sectors_m, run, setup.msam.split_rad, whole=cluster)
     nearest_m = min(sectors_m)
     return Map(

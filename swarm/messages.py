@@ -75,8 +75,7 @@ class Array(msgspec.Struct, frozen=True, array_like=True):
 
     def numpy(self) -> npt.NDArray[Any]:
         """Read-only view of the bytes."""
-        flat = np.frombuffer(self.data, _TYPES[self.dtype])
-        return flat if len(self.shape) == 1 else flat.reshape(self.shape)
+        return np.ndarray(self.shape, _TYPES[self.dtype], self.data)
 
 
 def array(values: npt.NDArray[Any]) -> Array:

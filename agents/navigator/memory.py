@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from agents.navigator import points
 from agents.navigator.law import Law
-from agents.navigator.points import Field, Points
+from agents.navigator.points import Counts, Field, Points
 from swarm import geometry
 from swarm.geometry import Floats, Pose, Ranges, Vec2
 
@@ -44,14 +44,20 @@ class Memory(msgspec.Struct, frozen=True):
 
     def points_mm(self) -> Points:
         """Read-only view."""
-        return np.frombuffer(self.points, dtype=np.int16).reshape(-1, 2)
+        # In half the time of np.frombuffer and a reshape, here and where else it matters.
+        return np.ndarray((len(self.points) // 4, 2), np.int16, self.points)
+
+    def counts(self) -> Counts:
+        """Read-only view of the misses."""
+        return np.ndarray((len(self.misses),), np.uint8, self.misses)
 
     def field_mm(self, law: Law) -> Field:
         """Read-only view."""
-        flat = np.frombuffer(self.field, dtype=np.uint16)
-        if not flat.flags.aligned:  # it has come over a wire
-            flat = np.frombuffer(bytes(self.field), dtype=np.uint16)
-        return flat.reshape(law.side_cells, law.side_cells)
+        shape = (law.side_cells, law.side_cells)
+        found: Field = np.ndarray(shape, np.uint16, self.field)
+        if found.flags.aligned:
+            return found
+        return np.ndarray(shape, np.uint16, bytes(self.field))  # it has come over a wire
 
 
 class Beams(msgspec.Struct, frozen=True, eq=False):
@@ -101,7 +107,7 @@ def observe(
     x_mm, y_mm = within(memory, pose.x_m, pose.y_m)
     points_mm, misses, gone = points.remember(
         memory.points_mm(),
-        np.frombuffer(memory.misses, dtype=np.uint8),
+        memory.counts(),
         POINTS_MAX,
         seen_m,
         hits_m,
@@ -147,7 +153,7 @@ def around(
     ahead, aside = geometry.unit(seen_from.yaw_rad)
     return points.gather(
         memory.points_mm(),
-        np.frombuffer(memory.misses, dtype=np.uint8),
+        memory.counts(),
         hits_m,
         rays.units,
         *within(memory, seen_from.x_m, seen_from.y_m),
@@ -170,7 +176,7 @@ def is_clear(
     ahead, aside = geometry.unit(seen_from.yaw_rad)
     return points.is_clear(
         memory.points_mm(),
-        np.frombuffer(memory.misses, dtype=np.uint8),
+        memory.counts(),
         hits_m,
         rays.units,
         *within(memory, seen_from.x_m, seen_from.y_m),
@@ -204,7 +210,7 @@ def shifted(law: Law, memory: Memory, pose: Pose) -> Memory:
         memory,
         origin_mm=origin_mm,
         points=moved_mm[inside].astype(np.int16).tobytes(),
-        misses=np.frombuffer(memory.misses, dtype=np.uint8)[inside].tobytes(),
+        misses=memory.counts()[inside].tobytes(),
         field=shared(field_mm),
         version=memory.version + 1,
     )
@@ -220,7 +226,7 @@ def without(law: Law, memory: Memory, pose: Pose, radius_m: float) -> Memory:
     return msgspec.structs.replace(
         memory,
         points=points_mm.tobytes(),
-        misses=np.frombuffer(memory.misses, dtype=np.uint8)[kept].tobytes(),
+        misses=memory.counts()[kept].tobytes(),
         field=shared(_stamped(law, blank, points_mm, 0)),
         ticks=0,
         version=memory.version + 1,
@@ -242,7 +248,7 @@ def cleared(law: Law, memory: Memory, discs: Floats) -> Memory:
         lost |= away_mm[:, 0] ** 2 + away_mm[:, 1] ** 2 < (1000.0 * radius_m) ** 2
     if not lost.any():
         return memory
-    misses = np.frombuffer(memory.misses, dtype=np.uint8)
+    misses = memory.counts()
     return _unstamped(law, memory, points_mm, misses, lost)
 
 

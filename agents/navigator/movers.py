@@ -72,7 +72,7 @@ class State(msgspec.Struct, frozen=True):
 
     def rows(self) -> Floats:
         """Read-only view of all tracks."""
-        return np.frombuffer(self.tracks).reshape(-1, COLUMNS)
+        return np.ndarray((len(self.tracks) // (8 * COLUMNS), COLUMNS), np.float64, self.tracks)
 
     def moving(self) -> Floats:
         """(movers, COLUMNS) those that move."""
@@ -105,6 +105,16 @@ def _half_beam(count: int) -> tuple[float, float]:
     return cos(pi / count), sin(pi / count)
 
 
+@lru_cache(maxsize=1024)
+def _unsure_m(setup: RobotSetup) -> float:
+    """By how much two scans differ without any motion: 3 sigma of whatever is declared."""
+    noise = setup.disturbance
+    # at some range
+    unsure_m = noise.range_sigma_m + 2.0 * noise.position_sigma_m + 4.0 * noise.yaw_sigma_rad
+    drift_m = noise.drift_m_per_m * setup.robot.speed_mps_max * SCANS * setup.dt_s
+    return 3.0 * unsure_m + drift_m
+
+
 def step(
     setup: RobotSetup,
     state: State,
@@ -126,12 +136,7 @@ def step(
     pose = frame.pose
     ahead, aside = geometry.unit(pose.yaw_rad)
     rays = memory.beams(len(hits_m))
-    noise = setup.disturbance
-    # 3 sigma of whatever is declared, at some range: two scans differ by that without any motion
-    unsure_m = 3.0 * (
-        noise.range_sigma_m + 2.0 * noise.position_sigma_m + 4.0 * noise.yaw_sigma_rad
-    )
-    unsure_m += noise.drift_m_per_m * setup.robot.speed_mps_max * SCANS * setup.dt_s
+    unsure_m = _unsure_m(setup)
     range_m, more_m = setup.sensor.range_m, setup.msam.peer_tolerance_per_missed_tick_m
     bodies = _NO_BODIES
     if others:

@@ -146,15 +146,16 @@ def hold(
     if not sent:
         slacks = []
     slacks += [b""] * (len(names) - len(slacks))
-    slack = np.frombuffer(bytearray(b"".join([after_tick(left, count) for left in slacks])))
-    slack = slack.reshape(len(names), count)
+    later = bytearray(b"".join([after_tick(left, count) for left in slacks]))
+    slack: Floats = np.ndarray((len(names), count), np.float64, later)
+    told = bytearray(b"".join(sent or (_PACK(*body),)))
     result = np.zeros(5)
     admit(
         np.array(body),
         np.array(start),
         pledge.doubts(setup, where.carried_doubt if where else pledge.NO_DOUBT, pending),
         pledge.doubts(setup, where.doubt if where else pledge.NO_DOUBT, pending),
-        np.frombuffer(bytearray(b"".join(sent or (_PACK(*body),)))).reshape(-1, announce.COLUMNS),
+        np.ndarray((max(1, len(sent)), announce.COLUMNS), np.float64, told),
         len(sent),
         brake.limits(setup),
         asked.speed_mps,

@@ -8,15 +8,17 @@ The same as `health.known_ranges` and `msam.update` make of it, for a robot that
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import cos
 
 import numpy as np
+import numpy.typing as npt
 
 from agents import msam, peers
 from agents.navigator import memory
 from agents.navigator.compiled import compiled
 from agents.navigator.points import bin_of
 from agents.peers import Peer
-from swarm.geometry import Floats, Ranges
+from swarm.geometry import TAU, Floats, Ranges
 from swarm.scenario import RobotSetup
 
 BEYOND_M = 1.0  # beyond the lidar's range: whose body is further off hides no hit
@@ -25,6 +27,8 @@ ROUNDING_M = 1e-9
 # Columns of a peer: where it is, body frame; how far off that is; how near to it hits are its own.
 X, Y, AWAY, REACH = range(4)
 _NOBODY: Floats = np.empty((0, 4))
+
+Ends = npt.NDArray[np.int64]
 
 
 def look(setup: RobotSetup, ranges_m: Ranges, others: Sequence[Peer]) -> tuple[msam.Map, bool]:
@@ -38,16 +42,23 @@ def look(setup: RobotSetup, ranges_m: Ranges, others: Sequence[Peer]) -> tuple[m
     if others:
         bodies = _bodies(setup, others)
     rays = memory.beams(len(ranges_m))
-    known_m, sectors_m, complete = scan(
+    count = setup.msam.sectors
+    ends = np.empty((count, 2), dtype=np.int64)
+    known_m, sectors_m, complete, runs = scan(
         ranges_m,
         bodies,
         rays.units,
         rays.bounds,
-        setup.msam.sectors,
+        count,
         setup.sensor.range_m / setup.msam.rings,
+        setup.field.rho_m,
+        setup.msam.link_distance_m,
+        cos(TAU / count),
+        ends,
     )
     known_m.setflags(write=False)
-    return msam.of(setup, known_m, sectors_m.tolist(), []), complete
+    linked = [range(start, stop) for start, stop in ends[:runs].tolist()]
+    return msam.of(setup, known_m, sectors_m.tolist(), [], linked), complete
 
 
 def surely(setup: RobotSetup, hits_m: Ranges, others: Sequence[Peer]) -> Ranges:
@@ -64,12 +75,15 @@ def surely(setup: RobotSetup, hits_m: Ranges, others: Sequence[Peer]) -> Ranges:
     tolerance_m = setup.msam.peer_tolerance_m
     off_m = declared.range_error_m_max + 2.0 * declared.position_error_m_max
     far_m = setup.sensor.range_m + BEYOND_M
+    yaw_error_rad = declared.yaw_error_rad_max
+    if off_m == yaw_error_rad == 0.0:
+        others = [peer for peer in others if peer.missed_ticks]
     flat: list[float] = []
     for peer in others:
         away_m, beacon = peer.distance_m, peer.beacon
-        more_m = off_m + declared.yaw_error_rad_max * away_m
+        more_m = off_m + yaw_error_rad * away_m
         more_m += peer.missed_ticks * dt_s * beacon.speed_mps_max
-        if more_m > 0.0 and away_m < far_m and not peers.has_come_to_grief(beacon):
+        if away_m < far_m and not peers.has_come_to_grief(beacon):
             flat += (*peer.offset_body, away_m, beacon.body_radius_m + tolerance_m + more_m)
     if not flat:
         return hits_m
@@ -103,12 +117,20 @@ def scan(
     bounds: Floats,
     sectors: int,
     ring_m: float,
-) -> tuple[Ranges, Floats, bool]:
+    rho_m: float,
+    link_m: float,
+    cosine: float,
+    ends: Ends,
+) -> tuple[Ranges, Floats, bool, int]:
     """Hits without peers, inner edge of the nearest ring of each sector, whether none is unknown.
+
+    The last one is how many runs of sectors are linked, as `msam.linked_runs` has them.
 
     Args:
         bodies: (peers, 4) as above.
         units: (beams, 2) body frame; `bounds` as `bin_of` has them.
+        cosine: of the angle between two sectors.
+        ends: (sectors, 2) filled with the first sector of each run and the one after its last.
     """
     beams = len(ranges_m)
     known_m = ranges_m.copy()
@@ -125,7 +147,37 @@ def scan(
         for beam in range(sector * per_sector, (sector + 1) * per_sector):
             least_m = min(least_m, float(known_m[beam]))
         nearest_m[sector] = np.floor(least_m / ring_m) * ring_m
-    return known_m, nearest_m, complete
+    return known_m, nearest_m, complete, link(nearest_m, rho_m, link_m, cosine, ends)
+
+
+@compiled
+def link(sectors_m: Floats, rho_m: float, link_m: float, cosine: float, ends: Ends) -> int:
+    """How many runs of sectors within rho are linked; `ends` is filled with theirs."""
+    count = len(sectors_m)
+    runs = 0
+    for sector in range(count):
+        range_m = sectors_m[sector]
+        if not range_m < rho_m:
+            continue
+        before_m = sectors_m[sector - 1]
+        if (
+            runs > 0
+            and ends[runs - 1, 1] == sector
+            and range_m * range_m + before_m * before_m - 2.0 * range_m * before_m * cosine
+            < link_m * link_m
+        ):
+            ends[runs - 1, 1] = sector + 1
+        else:
+            ends[runs, 0], ends[runs, 1] = sector, sector + 1
+            runs += 1
+    if runs > 1 and ends[0, 0] == 0 and ends[runs - 1, 1] == count:  # across the back
+        a_m, b_m = sectors_m[count - 1], sectors_m[0]
+        if a_m * a_m + b_m * b_m - 2.0 * a_m * b_m * cosine < link_m * link_m:
+            ends[runs - 1, 1] = count + ends[0, 1]
+            for run in range(runs - 1):
+                ends[run, 0], ends[run, 1] = ends[run + 1, 0], ends[run + 1, 1]
+            runs -= 1
+    return runs
 
 
 @compiled

@@ -60,11 +60,11 @@ class Way(msgspec.Struct, frozen=True):
 
     def path_mm(self) -> Path:
         """Read-only view."""
-        return np.frombuffer(self.path, dtype=np.int64).reshape(-1, 2)
+        return np.ndarray((len(self.path) // 16, 2), np.int64, self.path)
 
     def planned(self) -> Ints:
         """Read-only view of the costs."""
-        return np.frombuffer(self.costs, dtype=np.int32)
+        return np.ndarray((len(self.costs) // 4,), np.int32, self.costs)
 
 
 def step(

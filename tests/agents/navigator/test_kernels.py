@@ -65,8 +65,21 @@ CALLS: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
         (
             np.where(RANDOM.random(72) < 0.1, np.nan, HITS).astype(np.float32),
             np.array([(-1.0, 0.1, 1.005, 0.6), (0.1, 0.2, 0.23, 0.5), (2.0, 1.0, 2.24, 0.3)]),
-            *(RAYS.units, RAYS.bounds, 24, 0.05),
+            *(
+                RAYS.units,
+                RAYS.bounds,
+                24,
+                0.05,
+                2.0,
+                0.4,
+                0.966,
+                np.zeros((24, 2), dtype=np.int64),
+            ),
         ),
+    ),
+    (
+        sight.link,
+        (np.where(HITS < 2.0, HITS, np.inf), 1.8, 0.3, 0.996, np.zeros((72, 2), dtype=np.int64)),
     ),
     (
         sight.hide,

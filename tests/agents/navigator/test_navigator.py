@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import cos, inf
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from agents import navigator, robot
+from agents import msam, navigator, robot
 from agents.lateness import State as Late
-from agents.navigator import brake, predict
+from agents.navigator import brake, predict, sight
 from swarm import geometry
-from swarm.geometry import STILL, Pose, Twist
+from swarm.geometry import STILL, TAU, Pose, Twist
 from swarm.messages import Beacon, Command, Promise
 from swarm.scenario import RobotSetup
 from tests.agents import scenes
@@ -239,3 +243,11 @@ def test_it_says_why_it_does_what_it_does() -> None:
     assert all(trace.forces.attractive != (0.0, 0.0) for trace in traces)
     assert any(trace.forces.repulsive != (0.0, 0.0) for trace in traces)
     assert {trace.limited_by for trace in traces} <= {"", "brake"}
+
+
+@given(sectors=st.lists(st.sampled_from((0.5, 0.6, 0.9, 1.4, inf)), min_size=24, max_size=24))
+def test_sectors_are_linked_as_the_map_links_them(sectors: list[float]) -> None:
+    ends = np.empty((24, 2), dtype=np.int64)
+    runs = sight.link(np.array(sectors), 1.2, 0.32, cos(TAU / 24), ends)
+    found = [range(start, stop) for start, stop in ends[:runs].tolist()]
+    assert found == msam.linked_runs(sectors, 1.2, 0.32)
