@@ -399,7 +399,7 @@ def decide(
     if setup.robot.controller == "navigator":
         bound = mission.bound_for(setup, errand)
         navigating, wish = navigator.step(
-            bound, state.navigating, frame, map, others, elapsed_s, late
+            bound, state.navigating, frame, map, others, masked, elapsed_s, late
         )
         return replace(state, navigating=navigating), wish
     seeking, wish = seek.step(

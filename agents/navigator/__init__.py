@@ -108,13 +108,18 @@ def step(
     frame: SensorFrame,
     map: msam.Map,
     others: Sequence[Peer],
+    masked: Sequence[Peer],
     elapsed_s: float,
     late: lateness.State,
 ) -> tuple[State, Wish]:
-    """One tick on the way to `setup.robot.goal` by way of its way-points."""
+    """One tick on the way to `setup.robot.goal` by way of its way-points.
+
+    Args:
+        masked: those of the others that were left out of the map.
+    """
     seen, frame = frame, predict.ahead(setup, late, frame)
     state, map = watch(setup, state, seen, map, others, elapsed_s)
-    hits_m = sight.surely(setup, map.ranges_m, others)
+    hits_m = sight.surely(setup, map.ranges_m, masked)
     others = last_word.later(setup, late, frame, others)
     state, aim = look(setup, state, seen, frame, hits_m, others, elapsed_s)
     if state.failed:

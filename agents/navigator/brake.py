@@ -116,7 +116,7 @@ def braked(setup: RobotSetup, twist: Twist) -> Twist:
 
 @lru_cache(maxsize=1024)
 def limits(setup: RobotSetup) -> Floats:
-    """(10,) what `first_free` needs to know of a robot."""
+    """(10,) what the loops that brake need to know of a robot."""
     robot, dt_s = setup.robot, setup.dt_s
     found = np.zeros(10)
     found[V_MAX], found[V_BACK], found[W_MAX] = (

@@ -13,7 +13,7 @@ from math import cos
 import numpy as np
 import numpy.typing as npt
 
-from agents import msam, peers
+from agents import msam
 from agents.navigator import memory
 from agents.navigator.compiled import compiled
 from agents.navigator.points import bin_of
@@ -69,22 +69,23 @@ def surely(setup: RobotSetup, hits_m: Ranges, others: Sequence[Peer]) -> Ranges:
 
     Args:
         hits_m: (beams,) of obstacles.
-        others: as seen from where the scan was made.
+        others: those whose bodies are no obstacles, as seen from where the scan was made.
     """
     declared, dt_s = setup.disturbance, setup.dt_s
     tolerance_m = setup.msam.peer_tolerance_m
     off_m = declared.range_error_m_max + 2.0 * declared.position_error_m_max
     far_m = setup.sensor.range_m + BEYOND_M
-    yaw_error_rad = declared.yaw_error_rad_max
-    if off_m == yaw_error_rad == 0.0:
+    yaw_error_rad, speed_error = declared.yaw_error_rad_max, declared.speed_error
+    if off_m == yaw_error_rad == speed_error == 0.0:
         others = [peer for peer in others if peer.missed_ticks]
     flat: list[float] = []
     for peer in others:
         away_m, beacon = peer.distance_m, peer.beacon
         more_m = off_m + yaw_error_rad * away_m
-        more_m += peer.missed_ticks * dt_s * beacon.speed_mps_max
-        if away_m < far_m and not peers.has_come_to_grief(beacon):
-            flat += (*peer.offset_body, away_m, beacon.body_radius_m + tolerance_m + more_m)
+        ticks = peer.missed_ticks + speed_error * (1 + peer.missed_ticks)
+        reach_m = beacon.body_radius_m + tolerance_m + more_m + ticks * dt_s * beacon.speed_mps_max
+        if away_m - reach_m < far_m:
+            flat += (*peer.offset_body, away_m, reach_m)
     if not flat:
         return hits_m
     rays = memory.beams(len(hits_m))

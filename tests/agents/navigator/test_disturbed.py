@@ -293,6 +293,18 @@ def test_peers_leave_no_obstacles_behind_them(
     assert (points_m[:, 1] < -0.5).all()  # what stands beside it is remembered
 
 
+def test_a_peer_that_promises_nothing_and_stands_is_remembered() -> None:
+    """It is an obstacle to go round."""
+    setup = setup_of()
+    body = Pose(1.5, 0.0, 0.0)
+    said = scenes.beacon("robot2", body, arrived=True)
+    ranges_m = scenes.scan([(1.5, 0.0, 0.22)], scenes.ORIGIN)
+    frame = scenes.frame("robot1", 1, ranges_m=ranges_m, beacons=(said,))
+    state, _ = robot.step(setup, robot.init(setup), frame)
+    assert state.navigating.memory is not None
+    assert len(state.navigating.memory.points_mm()) > 5
+
+
 def test_hits_are_remembered_as_they_are_where_nothing_is_declared_and_all_are_heard() -> None:
     setup = setup_of(Disturbance())
     near = scenes.peer(scenes.beacon("robot2", Pose(1.0, 0.0, 0.0), tick=0), tick=1)

@@ -156,9 +156,7 @@ def judge(job: Job, driven: Driven) -> Run:
     arrivals_s = {
         number: row.arrival_s
         for number, (row, due_s) in enumerate(zip(rows, case.dues_s, strict=True))
-        if row.outcome == "arrived"
-        and row.arrival_s is not None
-        and driven.reached_s.get(number, row.arrival_s) <= due_s
+        if row.arrival_s is not None and _is_in_time(driven, number, row, due_s)
     }
     in_time = list(arrivals_s.values())
     late = [row for row in rows if row.outcome in ("arrived", "timeout")]
@@ -204,6 +202,13 @@ def judge(job: Job, driven: Driven) -> Run:
     )
 
 
+def _is_in_time(driven: Driven, number: int, row: metrics.RobotRow, due_s: float) -> bool:
+    """Whether a robot is at its goal, and was there in time first."""
+    if row.outcome != "arrived" or row.arrival_s is None:
+        return False
+    return driven.reached_s.get(number, row.arrival_s) <= due_s
+
+
 def _judge_stop(job: Job, driven: Driven, rows: Sequence[metrics.RobotRow]) -> tuple[Outcome, int]:
     """What became of a run in which a robot stopped, and how many said rightly that they cannot.
 
@@ -215,7 +220,7 @@ def _judge_stop(job: Job, driven: Driven, rows: Sequence[metrics.RobotRow]) -> t
     for number, (row, watch, due_s) in enumerate(
         zip(rows, driven.watches, job.case.dues_s, strict=True)
     ):
-        if row.arrival_s is not None and row.outcome == "arrived" and row.arrival_s <= due_s:
+        if _is_in_time(driven, number, row, due_s):
             continue
         if row.outcome == "killed" and number == stopped:
             continue
