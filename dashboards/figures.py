@@ -99,7 +99,7 @@ def encounters(paths: Mapping[str, Tracks]) -> Figure:
     shapes = [(y_max - y_min) / (x_max - x_min) for x_min, y_min, x_max, y_max in boxes]
     heights_in: list[float] = []
     for row in range(rows):
-        heights_in += (0.8 + (WIDTH_IN / 2.0 - 0.9) * max(shapes[row::rows]), 1.7)
+        heights_in += (1.1 + (WIDTH_IN / 2.0 - 0.9) * max(shapes[row::rows]), 1.7)
     figure = Figure(figsize=(WIDTH_IN / 2.0 * columns, round(0.6 + sum(heights_in), 1)))
     figure.set_layout_engine("constrained")
     grid = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=heights_in)
