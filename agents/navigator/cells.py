@@ -25,6 +25,7 @@ PARKED_SPEED = 0.6  # a parked robot moves aside no faster
 OBSTACLE_M = 0.06  # room beside the strip that has to be free
 PEER_M = 0.1  # room to peers
 NEAR_PEER_M = 0.01  # where it is less already, it may not become less: the guard would not let it
+NEARER_M = 0.02  # but for what keeps no rules, of which the guard does not know what it will do
 OBSTACLE_S, PEER_S = 1.5, 2.5  # contacts after this do not matter
 PARKED_PEER_S = 0.6  # who stands at its goal stays until somebody is this near
 CONTACT_COST = 0.3
@@ -143,7 +144,8 @@ def keeps(radius_m: float, peers: Floats) -> Floats:
         x_m, y_m = peers[row, table.X], peers[row, table.Y]
         apart2_m2 = x_m * x_m + y_m * y_m
         if apart2_m2 < keep_m * keep_m:
-            keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2))
+            nearer_m = NEARER_M if peers[row, table.RISK] >= table.LAWLESS else 0.0
+            keep_m = max(touch_m + NEAR_PEER_M, np.sqrt(apart2_m2) - nearer_m)
         keeps_m[row] = keep_m
     return keeps_m
 

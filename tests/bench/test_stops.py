@@ -133,15 +133,28 @@ def judged(
     said: Sequence[int],
     *,
     half: bool = False,
+    stay_s: float = 64.0,
+    reached_s: dict[int, float] | None = None,
 ) -> course.Run:
     case, last = corridor(places, half=half)
     score = metrics.begin(cases.under(case, "navigator"))
     score.tick = 1000
     for row, tally in enumerate(score.tallies):
-        tally.arrival_tick = 800 if row in arrived else None
+        tally.arrival_tick = round(stay_s / case.scenario.dt_s) if row in arrived else None
         tally.alive, tally.killed = half or row > 0, row == 0 and not half
     watches = tuple(IN_TIME if row in said else NEVER for row in range(8))
-    return course.judge(Job(case, "navigator"), Driven(score, 4, 0.001, watches, last))
+    return course.judge(
+        Job(case, "navigator"), Driven(score, 4, 0.001, watches, last, reached_s or {})
+    )
+
+
+def test_who_was_at_its_goal_in_time_first_is_not_late_when_one_stops_either() -> None:
+    places, rest = [*BEFORE, *BEHIND], range(1, 8)
+    late_s = max(corridor(places, half=False)[0].dues_s) + 8.0
+    assert judged(places, rest, said=[], stay_s=late_s).outcome == "timeout"
+    first_s = dict.fromkeys(rest, 10.0)
+    run = judged(places, rest, said=[], stay_s=late_s, reached_s=first_s)
+    assert (run.outcome, run.arrived) == ("succeeded", 7)
 
 
 def test_run_succeeds_when_a_closed_corridor_is_said_to_be_closed_by_all() -> None:

@@ -172,3 +172,12 @@ def test_it_chooses_nothing_that_brings_it_nearer_to_one_it_all_but_touches(off_
     )  # fmt: skip
     assert choice.speed_mps * np.cos(choice.direction_rad) <= 1e-9
     assert choice.speed_mps > 0.0 or off_rad < 0.5
+
+
+def test_what_keeps_no_rules_may_come_a_little_nearer_still() -> None:
+    """The guard knows no bound of it: to find no free cell beside it at all is worse."""
+    rows = np.array([row((0.452, 0.0), (0.3, 0.0), share=table.SHARE_OPEN)] * 2)
+    rows[1, table.RISK] = table.LAWLESS
+    lawful_m, lawless_m = cells.keeps(0.2, rows)
+    assert lawful_m == pytest.approx(0.452)
+    assert lawless_m == pytest.approx(0.452 - cells.NEARER_M)

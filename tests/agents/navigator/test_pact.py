@@ -266,3 +266,12 @@ def test_a_newer_announcement_is_no_further_off_than_a_cone_allows_for(
     admission.changed(row, errors, dt_s, moved)
     off_m = np.sqrt(((new - old) ** 2).sum(axis=1))
     assert (off_m <= moved + 1e-9).all()
+
+
+def test_what_is_free_is_moved_on_by_a_tick() -> None:
+    """As the last one from there on; unknown where there is no link, nothing behind the end."""
+    told = np.array((1.0, 2.0, 3.0)).tobytes()
+    assert np.frombuffer(pact.after_tick(told, 4)).tolist() == [2.0, 3.0, 3.0, 3.0]
+    assert np.frombuffer(pact.after_tick(told, 1)).tolist() == [2.0]
+    assert np.frombuffer(pact.after_tick(told[:8], 2)).tolist() == [0.0, 0.0]
+    assert np.frombuffer(pact.after_tick(b"", 2)).tolist() == [-1.0, -1.0]
